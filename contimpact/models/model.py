@@ -434,6 +434,33 @@ class Formulas:
 
 
 @dataclass(frozen=True)
+class Geometry:
+    """What pictures that move draw of a machine beside its coordinates and guards.
+
+    Bodies stand in a row in the order of their coordinates, and move along it; where nothing is
+    said, each along a line of its own.
+
+    Attributes
+    ----------
+    direction : float or str
+        Angle below the horizontal at which coordinates grow, rad, or the parameter that is it.
+    springs : tuple of (int, int)
+        Bodies that are joined, by their coordinates; -1 is the ground before the first body, the
+        number of bodies that behind the last.
+    contained : tuple of (int, int)
+        Bodies in containers that their walls end, each with the body that is the container; -1
+        where the container is what displacements are measured from.
+    turning : bool
+        Whether the coordinate is the angle of a pendulum, zero where it hangs.
+    """
+
+    direction: float | str = 0.0
+    springs: tuple[tuple[int, int], ...] = ()
+    contained: tuple[tuple[int, int], ...] = ()
+    turning: bool = False
+
+
+@dataclass(frozen=True)
 class Symmetry:
     """A map of orbits to orbits: walls exchanged, time shifted, section coordinates multiplied.
 
@@ -472,7 +499,8 @@ class Model(ABC):
     in them; `PARAMETRIC`, those of them in which any name may stand that is given a value, as a
     parameter of one's own, and is then in `own`; `MEMBRANES`, whether impacts hit membranes of an
     energy harvester; `STATED`, whether scenes state the system themselves, as its option `machine`;
-    `AUTONOMOUS`, whether it has no forcing. Any other system may be given the option
+    `AUTONOMOUS`, whether it has no forcing; `GEOMETRY`, how the machine is drawn, None where
+    coordinates are no displacements. Any other system may be given the option
     ``period="free"`` at values at which it has none.
     """
 
@@ -490,6 +518,7 @@ class Model(ABC):
     MEMBRANES: ClassVar[bool] = False
     STATED: ClassVar[bool] = False
     AUTONOMOUS: ClassVar[bool] = False
+    GEOMETRY: ClassVar[Geometry | None] = Geometry()
 
     def __init_subclass__(cls, **given: Any) -> None:
         super().__init_subclass__(**given)

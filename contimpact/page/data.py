@@ -11,22 +11,27 @@ import numpy as np
 from .. import __version__
 from ..arrays import Array
 from ..bifurcations.registry import kind_of
+from ..models.guards import Guard
 from ..models.model import Model
 from ..results.branch import Branch, Entry
 from ..results.curve import (
     Area,
     Coverage,
     Curve,
+    Key,
     Region,
+    colour_of,
     falling_column,
+    key_of,
+    keys_of,
     lanes,
     panels,
     parameters_of,
     regions,
 )
 from ..results.diagram import Diagram
-from ..results.diagram_reading import Reading, read, sentence, sentence_of
-from ..results.quantities import GREEK, PI_BELOW
+from ..results.diagram_reading import Reading, read, sentence_of
+from ..results.quantities import GREEK, PI_BELOW, label_parts
 from ..results.tables import coordinates
 from .orbits import Orbits, Tracks, stride
 from .sweeps import SweepSeries, pack_column
@@ -113,7 +118,7 @@ def page_data(
         Attractors of a simulation.
     """
     derived = model.DERIVED if model else ()
-    branches = diagram.branches
+    branches, keys = diagram.branches, keys_of(diagram.curves)
     lines = [
         *(
             (len(branch), len(branch.word))
@@ -133,9 +138,10 @@ def page_data(
         "shown": dataclasses.asdict(shown) | {"remarks": remarks},
         "parameter": branches[0].parameter if branches else shown.x,
         "varying": _varying_parameters(branches, shown.x),
-        "fixed": shared_parameters(branches, derived),
+        "fixed": shared_parameters(branches, derived) if branches else _constant(swept, derived),
         "units": _units(branches, model),
         "walls": _walls(branches, model),
+        "machine": _machine(model),
         "greek": GREEK,
         "pi_below": PI_BELOW,
         "every": every,
@@ -149,7 +155,8 @@ def page_data(
         "entries": [_entry(entry, branch) for branch in branches for entry in branch.events],
         "looks": {kind: _look_record(kind) for kind in _kinds(diagram)},
         "reading": _reading(diagram, found),
-        "curves": [_curve(curve) for curve in diagram.curves],
+        "keys": [_key(key, keys) for key in keys],
+        "curves": [_curve(curve) | {"key": keys.index(key_of(curve))} for curve in diagram.curves],
         "panels": _panels(diagram),
         "swept": [_swept(found, tracks, every) for found in swept],
     }
@@ -196,6 +203,39 @@ def _walls(branches: Sequence[Branch], model: Model | None) -> list[str]:
     if model:
         return model.letters
     return sorted({wall for branch in branches for wall in branch.word})
+
+
+def _machine(model: Model | None) -> dict[str, Any] | None:
+    """What the machine is drawn with, where its coordinates are displacements."""
+    if model is None or model.GEOMETRY is None:
+        return None
+    guards = {
+        guard.name: {
+            "side": guard.side,
+            "row": guard.row(model.DEGREES_OF_FREEDOM),
+            "soft": _gives_way(guard, model.WALLS),
+            "rigid": guard.rigid,
+        }
+        for guard in model.WALLS
+    }
+    return dataclasses.asdict(model.GEOMETRY) | {"guards": guards}
+
+
+def _gives_way(guard: Guard, guards: Sequence[Guard]) -> bool:
+    """Whether a guard begins a contact that another one ends at the same surface."""
+    return not guard.rigid and any(
+        (other.coordinate, other.side) == (guard.coordinate, -guard.side)
+        and guard.next_mode in other.modes
+        and guard.next_mode != guard.modes[0]
+        for other in guards
+    )
+
+
+def _constant(swept: Sequence[SweepSeries], derived: Sequence[str]) -> dict[str, float]:
+    """The parameters that all attractors share."""
+    names = [name for name in swept[0].parameters if name not in derived] if swept else []
+    values = {n: np.concatenate([found.parameters[n] for found in swept]) for n in names}
+    return {n: float(v[0]) for n, v in values.items() if len(v) and np.all(v == v[0])}
 
 
 def _varying_parameters(branches: Sequence[Branch], x: str) -> list[str]:
@@ -272,7 +312,9 @@ def _entry(entry: Entry, branch: Branch) -> dict[str, Any]:
     along = "arclength" if entry.arclength is not None else branch.parameter
     place = entry.value if entry.arclength is None else entry.arclength
     row = int(np.argmin(np.abs(branch[along] - place)))
-    return {name: value for name, value in record.items() if name not in UNSAID} | {"row": row}
+    parts = label_parts(entry.kind, entry.label, entry.ghost, entry.period)
+    said = {name: value for name, value in record.items() if name not in UNSAID}
+    return said | {"row": row, "parts": dataclasses.asdict(parts)}
 
 
 def _kinds(diagram: Diagram) -> list[str]:
@@ -287,14 +329,12 @@ def _look_record(kind: str) -> dict[str, Any]:
 
 
 def _reading(diagram: Diagram, found: Reading) -> dict[str, Any]:
-    """What was read, stable runs with their rows, transitions with their sentences."""
+    """What was read, stable runs with their rows."""
     branches = {branch.id: branch for branch in diagram.branches}
     record = found.as_record() | {"incomplete": found.incomplete}
     for run in record["stable"]:
         branch = branches[run["branch"]]
         run["rows"] = [_row_at(branch, run["low"]), _row_at(branch, run["high"])]
-    for one, transition in zip(record["transitions"], found.transitions, strict=True):
-        one["sentence"] = sentence(transition)
     return record
 
 
@@ -304,6 +344,12 @@ def _row_at(branch: Branch, value: float) -> int:
 
 
 # Curves in two parameters.
+
+
+def _key(key: Key, keys: Sequence[Key]) -> dict[str, Any]:
+    """A bifurcation that curves are of, with the colour of pictures."""
+    parts = dataclasses.asdict(label_parts(key.kind, key.label))
+    return {**key._asdict(), "parts": parts, "colour": colour_of(key, keys)}
 
 
 def _curve(curve: Curve) -> dict[str, Any]:

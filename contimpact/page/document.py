@@ -27,7 +27,7 @@ FOLDER = Path(__file__).parent
 LIBRARY = "vendor/d3.min.js"
 SCRIPTS = (
     *("data", "state", "numbers", "shape", "chart", "diagram", "pointer", "labels"),
-    *("motion", "orbit", "moving", "catalogue", "plane", "areas", "files", "main"),
+    *("motion", "machine", "orbit", "moving", "catalogue", "plane", "areas", "files", "main"),
 )
 """Our own scripts, in the order in which they stand on each other."""
 PALETTE = {

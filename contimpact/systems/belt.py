@@ -56,6 +56,7 @@ class Belt(Model):
         Guard("C", side=+1, mode="slip", to="ahead", past="A"),
         Guard("D", side=-1, mode="ahead", to="slip", past="P"),
     )
+    GEOMETRY = None
     OPTIONS: ClassVar = {"friction": CONSTANT}
     PARAMETERS = (
         Parameter("a", "", "the forcing amplitude"),

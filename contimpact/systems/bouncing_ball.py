@@ -8,10 +8,11 @@ The table is at :math:`a\sin\omega t`; the forcing period is 2 pi/omega.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
-from ..models.model import Formulas, Model, Parameter, Wall
+from ..models.model import Formulas, Geometry, Model, Parameter, Wall
 
 
 class BouncingBall(Model):
@@ -31,6 +32,7 @@ class BouncingBall(Model):
 
     SYSTEM = "bouncing-ball"
     WALLS = (Wall("P", side=-1),)
+    GEOMETRY = Geometry(direction=-math.pi / 2)
     DERIVED = ("Gamma",)
     DERIVED_FROM: ClassVar = {"Gamma": ("a", "omega", "g")}
     PARAMETERS = (

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..models.model import Formulas, Model, Parameter, Wall
+from ..models.model import Formulas, Geometry, Model, Parameter, Wall
 
 
 class CoupledByImpact(Model):
@@ -36,6 +36,7 @@ class CoupledByImpact(Model):
     SYSTEM = "coupled-by-impact"
     WALLS = (Wall("K", side=+1, coordinate=(1, -1)),)
     DEGREES_OF_FREEDOM = 2
+    GEOMETRY = Geometry(springs=((-1, 0), (1, 2)))
     PARAMETERS = (
         Parameter("m1", "", "the first mass", 1.0, lower=0, above_lower=True),
         Parameter("m2", "", "the second mass", 1.0, lower=0, above_lower=True),

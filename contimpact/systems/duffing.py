@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ..models.model import Formulas, Model, Parameter, Wall
+from ..models.model import Formulas, Geometry, Model, Parameter, Wall
 
 
 class Duffing(Model):
@@ -37,6 +37,7 @@ class Duffing(Model):
 
     SYSTEM = "duffing"
     WALLS = (Wall("S", side=+1),)
+    GEOMETRY = Geometry(springs=((-1, 0),))
     PARAMETERS = (
         Parameter("a", "", "the forcing amplitude"),
         Parameter("omega", "", "the forcing frequency", lower=0, above_lower=True),

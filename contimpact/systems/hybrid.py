@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Self
 
 from ..errors import InputError
 from ..models.machine import TIME, StatedSystem
-from ..models.model import Formulas, Guard, Mode, Parameter, Wall
+from ..models.model import Formulas, Geometry, Guard, Mode, Parameter, Wall
 from ..models.stated_modes import (
     StatedGuard,
     StatedMode,
@@ -166,15 +166,16 @@ def _names_known(text: str, names: set[str]) -> bool:
 def _class_of(text: str) -> type[HybridSystem]:
     """Return the class of a hybrid system, by its text."""
     given = modes_of(text)
-    size = given.degrees_of_freedom
+    size, modes = given.degrees_of_freedom, tuple(_mode(mode, given) for mode in given.modes)
     attributes = {
         "__doc__": HybridSystem.__doc__,
         "__module__": __name__,
         "PARAMETERS": tuple(Parameter(n, "", f"parameter {n}") for n in given.parameters),
-        "MODES": tuple(_mode(mode, given) for mode in given.modes),
+        "MODES": modes,
         "WALLS": tuple(_guard(guard, size) for guard in given.guards),
         "DEGREES_OF_FREEDOM": size,
         "AUTONOMOUS": given.autonomous,
+        "GEOMETRY": None if any(mode.first_order for mode in modes) else Geometry(),
         "OPTIONS": {"machine": text},
         "machine": given,
     }

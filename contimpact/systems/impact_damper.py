@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..models.model import Formulas, Model, Parameter, Symmetry, Wall
+from ..models.model import Formulas, Geometry, Model, Parameter, Symmetry, Wall
 
 
 class ImpactDamper(Model):
@@ -37,6 +37,7 @@ class ImpactDamper(Model):
     SYSTEM = "impact-damper"
     WALLS = (Wall("R", side=+1, coordinate=1), Wall("L", side=-1, coordinate=1))
     DEGREES_OF_FREEDOM = 2
+    GEOMETRY = Geometry(springs=((-1, 0),), contained=((1, 0),))
     PARAMETERS = (
         Parameter("Omega", "", "the forcing frequency", lower=0, above_lower=True),
         Parameter("d", "", "the clearance", lower=0),

@@ -14,7 +14,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
-from ..models.model import Formulas, Model, Parameter, Symmetry, Wall, mean_depends
+from ..models.model import Formulas, Geometry, Model, Parameter, Symmetry, Wall, mean_depends
 
 State = Sequence[Any]
 """Positions or velocities, one for each degree of freedom."""
@@ -49,6 +49,7 @@ class ImpactPair(Model):
     DERIVED_UNITS: ClassVar = {"d": "dimensionless", "gbar": "dimensionless"}
     DERIVED_FROM: ClassVar = {"d": ("A", "s", "M", "omega"), "gbar": ("beta", "A", "M", "g")}
     MEMBRANES = True
+    GEOMETRY = Geometry(direction="beta", contained=((0, -1),))
     OPTIONS: ClassVar = {"forcing": "cos(pi*t)"}
     EXPRESSIONS: ClassVar = {"forcing": ("t",)}
     PARAMETRIC = ("forcing",)

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..errors import InputError
-from ..models.model import Formulas, Model, Parameter, Wall
+from ..models.model import Formulas, Geometry, Model, Parameter, Wall
 
 
 class Oscillator(Model):
@@ -34,6 +34,7 @@ class Oscillator(Model):
 
     SYSTEM = "oscillator"
     WALLS = (Wall("S", side=+1),)
+    GEOMETRY = Geometry(springs=((-1, 0),))
     PARAMETERS = (
         Parameter("a", "", "the forcing amplitude"),
         Parameter("omega", "", "the forcing frequency", lower=0, above_lower=True),

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ..models.model import Formulas, Model, Parameter, Wall
+from ..models.model import Formulas, Geometry, Model, Parameter, Wall
 
 
 class Pendulum(Model):
@@ -33,6 +33,7 @@ class Pendulum(Model):
 
     SYSTEM = "pendulum"
     WALLS = (Wall("S", side=+1),)
+    GEOMETRY = Geometry(turning=True)
     PARAMETERS = (
         Parameter("a", "", "the driving amplitude"),
         Parameter("omega", "", "the driving frequency", lower=0, above_lower=True),

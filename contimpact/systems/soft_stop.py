@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..errors import InputError
-from ..models.model import Formulas, Guard, Mode, Model, Parameter
+from ..models.model import Formulas, Geometry, Guard, Mode, Model, Parameter
 
 
 class SoftStop(Model):
@@ -40,6 +40,7 @@ class SoftStop(Model):
         Guard("C", side=+1, mode="free", to="contact"),
         Guard("R", side=-1, mode="contact", to="free"),
     )
+    GEOMETRY = Geometry(springs=((-1, 0),))
     PARAMETERS = (
         Parameter("a", "", "the forcing amplitude"),
         Parameter("omega", "", "the forcing frequency", lower=0, above_lower=True),

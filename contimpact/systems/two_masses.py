@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..models.model import Formulas, Model, Parameter, Wall
+from ..models.model import Formulas, Geometry, Model, Parameter, Wall
 
 
 class TwoMasses(Model):
@@ -38,6 +38,7 @@ class TwoMasses(Model):
     SYSTEM = "two-masses"
     WALLS = (Wall("A", side=+1, coordinate=0), Wall("B", side=+1, coordinate=1))
     DEGREES_OF_FREEDOM = 2
+    GEOMETRY = Geometry(springs=((-1, 0), (0, 1)))
     PARAMETERS = (
         Parameter("m1", "", "the first mass", 1.0, lower=0, above_lower=True),
         Parameter("m2", "", "the second mass", 1.0, lower=0, above_lower=True),

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..models.model import Formulas, Model, Parameter, Symmetry, Wall
+from ..models.model import Formulas, Geometry, Model, Parameter, Symmetry, Wall
 
 
 class TwoStops(Model):
@@ -31,6 +31,7 @@ class TwoStops(Model):
 
     SYSTEM = "two-stops"
     WALLS = (Wall("R", side=+1), Wall("L", side=-1))
+    GEOMETRY = Geometry(springs=((-1, 0),))
     PARAMETERS = (
         Parameter("a", "", "the forcing amplitude"),
         Parameter("b", "", "the constant force", 0.0),

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ..models.model import Formulas, Model, Parameter, Wall
+from ..models.model import Formulas, Geometry, Model, Parameter, Wall
 
 
 class VanDerPol(Model):
@@ -32,6 +32,7 @@ class VanDerPol(Model):
     SYSTEM = "van-der-pol"
     AUTONOMOUS = True
     WALLS = (Wall("S", side=+1),)
+    GEOMETRY = Geometry(springs=((-1, 0),))
     PARAMETERS = (
         Parameter("epsilon", "", "the strength of the excitation"),
         Parameter("sigma", "", "the position of the stop"),

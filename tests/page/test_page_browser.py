@@ -67,15 +67,17 @@ TRIED = {
 
 
 CORNERS = """
-const frame = document.querySelector('#diagram').getBoundingClientRect();
-return [...document.querySelectorAll('#diagram g.labels text')].map(text => {
+const frame = document.querySelector(arguments[0]).getBoundingClientRect();
+const texts = document.querySelectorAll(`${arguments[0]} text`);
+return [...texts].filter(text => text.textContent).map(text => {
   const {x, y, width, height} = text.getBBox(), turn = text.getScreenCTM();
-  return [[x, y], [x + width, y], [x + width, y + height], [x, y + height]].map(([px, py]) => {
+  const inset = Math.min(2, height / 4), low = y + inset, high = y + height - inset;
+  return [[x, low], [x + width, low], [x + width, high], [x, high]].map(([px, py]) => {
     const at = new DOMPoint(px, py).matrixTransform(turn);
     return [at.x - frame.x, at.y - frame.y];
   });
 });"""
-"""The corners of each label of the diagram, turned as it is."""
+"""The corners of each text of a picture, turned as it is, a little less high than its line."""
 
 
 def pairs_that_meet(boxes):
@@ -292,9 +294,11 @@ def test_a_ghost_is_clicked_and_shows_its_numbers(reader, small, small_scene):
     page = reader(small, small_scene)
     ghost = next(e for e in small.entries if e.label == "~G[1:1->2:1]")
     page.click_at(f"#diagram [data-entry='{ghost.id}']")
-    assert ghost.label in page.text("#orbit-name")
+    title = page.one("#orbit-name .set")
+    assert title.get_attribute("title") == ghost.label
+    assert title.text.split() == ["G\u0303", "1:1", "2:1"] or title.text == "G\u03031:12:1"
     assert ghost.why in page.text("#orbit-state")
-    numbers = page.text("#orbit-numbers").replace("\u2212", "-")
+    numbers = page.text("#orbit").replace("\u2212", "-")
     assert f"{ghost.value:.12g}"[:11] in numbers
     for impact in ghost.impacts:
         assert f"{impact['velocity']:.12g}"[:10] in numbers
@@ -336,7 +340,7 @@ def test_the_slider_moves_the_orbit_along_its_branch(reader, small, small_scene)
         page.run("return document.querySelector('#phase .path').outerHTML"),
     )
     page.choose("#slider", "9")
-    assert f"{branch['s'][9]:.10g}"[:9] in page.text("#orbit-state")
+    assert f"{branch['d'][9]:.10g}"[:9] in page.text("#orbit-state")
     assert page.run("return document.querySelector('#phase .path').outerHTML") != before
     assert "at=b1%3A9" in page.fragment()
 
@@ -363,7 +367,7 @@ def test_the_unit_circle_is_seen_beside_large_multipliers(reader, small, small_s
 
 def test_the_orbit_plays(reader, small, small_scene):
     page = reader(small, small_scene, "at=b1:5")
-    where = "return document.querySelector('#series .ball').getAttribute('cy')"
+    where = "return document.querySelector('#machine .body').getAttribute('transform')"
     before = page.run(where)
     page.one("#play").click()
     time.sleep(0.25)
@@ -377,9 +381,12 @@ def test_every_coordinate_is_drawn_and_every_body_moves(reader, masses, masses_s
     page, branch = reader(masses, masses_scene, "at=b1:5"), masses["b1"]
     for picture in ("series", "phase"):
         assert len(page.all(f"#{picture} .path")) == 2
-        names = [text.text for text in page.all(f"#{picture} .inside .coordinate-name")]
+        names = [text.text for text in page.all(f"#{picture} .coordinate-name")]
         assert names == ["x1", "x2"]
-    where = "return [...document.querySelectorAll('#series .ball')].map(b => b.getAttribute('cy'))"
+    where = (
+        "return [...document.querySelectorAll('#machine .body')]"
+        ".map(body => body.getAttribute('transform'))"
+    )
     before = page.run(where)
     page.one("#play").click()
     time.sleep(0.25)
@@ -402,6 +409,66 @@ def test_what_was_not_surveyed_is_said_beside_the_stable_runs(reader, small, sma
     assert not done.one("#survey").is_displayed()
 
 
+def test_an_orbit_is_chosen_when_the_page_opens(reader, small, small_scene):
+    """A real event in sight, its values on the axis shown; the table and transitions follow."""
+    page = reader(small, small_scene)
+    chosen = page.one("#table tr[aria-current]").get_attribute("data-entry")
+    assert not small[chosen].ghost
+    assert page.one("#orbit-shown").is_displayed()
+    for name in ("d", "s"):
+        page.choose("#x", name)
+        value = small[chosen].parameters[name]
+        assert f"{name} = {value:.9g}" in page.text("#orbit-state")
+        heads = [head.text for head in page.all("#table th")]
+        assert [head for head in heads if head in ("d", "s (m)")] == [
+            {"s": "s (m)"}.get(name, name)
+        ]
+        graze = small["e1"].parameters[name]
+        assert f"{name} = {graze:.5g}" in page.text("#transitions")
+
+
+def test_one_menu_hides_what_is_drawn(reader, small, small_scene):
+    page = reader(small, small_scene)
+    assert not page.one("#toggles").is_displayed()
+    page.one("#show summary").click()
+    page.one("[data-hides='wall T']").click()
+    assert not page.all("#diagram .branch.wall1")
+    page.one("h1").click()
+    assert not page.one("#toggles").is_displayed()
+
+
+# Where bodies are: the middle of each one's box, in pixels of the picture.
+PLACES = """
+const {x, y} = document.querySelector('#machine').getBoundingClientRect();
+return [...document.querySelectorAll('#machine .body, #machine .stop')].map(part => {
+  const box = part.getBoundingClientRect();
+  return [box.x + box.width / 2 - x, box.y + box.height / 2 - y];
+});"""
+
+
+def test_the_capsule_is_drawn_at_its_angle(reader, small, small_scene):
+    """With B below, and the ball at B where the orbit begins; as wide as the phase plane."""
+    page = reader(small, small_scene, "at=b1:5")
+    bottom, top, ball = page.run(PLACES)
+    along = np.subtract(bottom, top)
+    assert np.arctan2(along[1], along[0]) == pytest.approx(np.pi / 6, abs=0.02)
+    assert np.linalg.norm(np.subtract(ball, bottom)) < 0.15 * np.linalg.norm(along)
+    sizes = [page.one(f"#{name}").size for name in ("machine", "phase")]
+    assert sizes[0]["height"] == sizes[1]["height"]
+    assert sizes[0]["width"] == pytest.approx(sizes[1]["width"], abs=2)
+
+
+def test_a_body_meets_its_stop_when_it_hits(reader, masses, masses_scene):
+    page = reader(masses, masses_scene, "at=b1:5")
+    boxes = page.run(
+        "return ['.body', '.stop'].map(name => {"
+        "  const box = document.querySelector(`#machine ${name}`).getBoundingClientRect();"
+        "  return [box.left, box.right]; })"
+    )
+    body, stop = boxes
+    assert body[1] == pytest.approx(stop[0], abs=3)
+
+
 def test_the_keyboard_reaches_everything(reader, small, small_scene):
     page, keys = reader(small, small_scene, "at=b1:5"), webdriver.Keys
     page.keys("#diagram", keys.ARROW_RIGHT)
@@ -416,7 +483,8 @@ def test_the_keyboard_reaches_everything(reader, small, small_scene):
     page.keys("#diagram", "0")
     assert page.limits() == (low, high)
     page.keys("#diagram", keys.ESCAPE)
-    assert "at=" not in page.fragment()
+    assert page.text("#orbit-name") == "Orbit"
+    assert page.fragment().endswith("at=")
 
 
 def test_the_keyboard_zooms_about_the_chosen_point(reader, small, small_scene):
@@ -430,13 +498,13 @@ def test_the_keyboard_zooms_about_the_chosen_point(reader, small, small_scene):
     assert page.all("#diagram .selection")
 
 
-def test_labels_stay_in_the_picture_and_off_each_other(reader, computed):
-    """Also those of events at its right edge, which lean to the left."""
+def test_texts_stay_in_the_picture_and_off_each_other(reader, computed):
+    """Also labels of events at its right edge, which lean to the left, and names of orbits."""
     page = reader(*computed("fig7"), "unphysical=all")
     for limits in ((0.05, 0.25), (0.13, 0.2275), (0.1, 0.206), (0.2, 0.24), (0.06, 0.12)):
         page.open(f"unphysical=all&xlim={limits[0]}%2C{limits[1]}&ylim=-0.7%2C0.7")
-        corners = page.run(CORNERS)
-        assert len(corners) > 1
+        corners = page.run(CORNERS, "#diagram")
+        assert len(corners) > 20
         inside = page.run("return document.querySelector('#diagram').getBoundingClientRect().width")
         assert all(0 <= x <= inside and y >= 0 for label in corners for x, y in label)
         assert pairs_that_meet(corners) == []
@@ -488,8 +556,10 @@ def test_a_fragment_is_restored(reader, small, small_scene):
     ],
 )
 def test_a_fragment_that_means_nothing_does_no_harm(reader, small, small_scene, fragment):
-    page = reader(small, small_scene, fragment)
-    assert page.text("#orbit-name") == "Orbit"
+    page = reader(small, small_scene)
+    first = page.text("#orbit-name")
+    page.open(fragment)
+    assert page.text("#orbit-name") == first
     assert page.all("#diagram .branches path")
 
 
@@ -601,7 +671,7 @@ def test_texts_are_shown_and_nothing_else(reader, small, small_scene, text):
     assert page.text("h1") == text
     assert page.run("return document.title") == f"{text} - contimpact"
     assert text in page.text("#warnings")
-    assert text in page.text("#orbit-name")
+    assert text[:24] in page.text("#orbit-name")
     assert text in page.text("#table tbody")
     assert len(page.all("script")) == 3
     assert not page.all("img, #table svg, h1 *")
@@ -633,4 +703,8 @@ def test_it_is_for_everybody(reader, small, small_scene):
     emulate("Emulation.setDeviceMetricsOverride", small_screen)
     page.open("at=e1")
     assert page.run("return document.documentElement.scrollWidth") <= 360
+    page.run("document.querySelector('#table tbody tr').click()")
+    time.sleep(1.0)
+    top = page.run("return document.querySelector('#orbit').getBoundingClientRect().top")
+    assert 0 <= top < 370
     emulate("Emulation.clearDeviceMetricsOverride", {})

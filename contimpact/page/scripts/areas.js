@@ -1,22 +1,19 @@
 // Areas of two parameters in which the same stable orbits end in the same way, tinted under the curves.
 
-/** @typedef {{text: string, look: {colour: string | null, name: string}, several: boolean}} Tint */
+/** @typedef {{text: string, parts: Parts | null, behind: string, name: string, fill: string}} Tint */
 
 /** The key to the tint of an area: what ends its first orbit. @param {Panel} panel @param {Area} area @returns {Tint} */
 function tintOf(panel, area) {
-  const [orbit] = area.orbits,
-    several = new Set(panel.areas.flatMap(({ orbits }) => orbits.map(({ notation }) => notation))).size > 1,
-    curve = page.curves.find((one) => one.label === orbit.ends && one.notation === orbit.notation);
+  const [{ ends, notation }] = area.orbits,
+    several = new Set(panel.areas.flatMap(({ orbits }) => orbits.map((orbit) => orbit.notation))).size > 1;
+  const parts = page.keys.find((key) => key.label === ends && key.notation === notation)?.parts ?? null,
+    behind = several ? ` (${notation})` : "";
   return {
-    text:
-      (orbit.ends ? `stable until ${orbit.ends}` : "stable throughout") +
-      (several ? ` (${orbit.notation})` : ""),
-    look: orbit.ends
-      ? curve
-        ? lookOf(keyOf(curve))
-        : { colour: null, name: "further" }
-      : { colour: null, name: "throughout" },
-    several: area.orbits.length > 1,
+    text: ends ? `stable until ${parts ? "" : ends}` : "stable throughout",
+    parts,
+    behind,
+    name: ends ? "area" : "area throughout",
+    fill: colourOf(ends, notation),
   };
 }
 
@@ -45,10 +42,9 @@ function drawAreas(layer, panel) {
       ([, along]) => y(along),
     );
   const shapes = panel.areas.flatMap((area) => {
-    const tint = tintOf(panel, area),
-      shape = { area, d: area.polygon.map((ring) => `${pen(ring)}Z`).join("") };
-    const tinted = { ...shape, name: `area ${tint.look.name}`, fill: tint.look.colour };
-    return tint.several ? [tinted, { ...shape, name: "", fill: "url(#crosses)" }] : [tinted];
+    const shape = { area, d: area.polygon.map((ring) => `${pen(ring)}Z`).join("") },
+      tinted = { ...tintOf(panel, area), ...shape };
+    return area.orbits.length > 1 ? [tinted, { ...shape, name: "", fill: "url(#crosses)" }] : [tinted];
   });
   if (panel.areas.some(({ orbits }) => orbits.length > 1)) drawCrosses();
   layer
@@ -62,31 +58,40 @@ function drawAreas(layer, panel) {
     .attr("d", ({ d }) => d);
 }
 
-/** The keys to the tints, each once, below those to the curves; returns the lines they take.
- * @param {Selected} layer @param {Panel} panel @param {number} top */
-function drawAreaKey(layer, panel, top) {
-  const { box } = planeDrawn,
-    tints = new Map(panel.areas.map((area) => [tintOf(panel, area).text, tintOf(panel, area)]));
-  const keys = [...tints].map(([text, { look }]) => ({ text, name: `area ${look.name}`, fill: look.colour }));
+/** The keys to the tints, each once, in rows. @param {Panel} panel @param {number} left @param {number} right */
+function areaKey(panel, left, right) {
+  const tints = panel.areas.map((area) => tintOf(panel, area)),
+    keys = d3
+      .groups(tints, ({ text, parts, behind }) => JSON.stringify([text, parts, behind]))
+      .map(([, [first]]) => first);
   if (panel.areas.some(({ orbits }) => orbits.length > 1))
-    keys.push({ text: "several stable orbits", name: "", fill: "url(#crosses)" });
-  let at = box.left,
-    line = 0;
-  const items = keys.map((key) => {
-    const width = 40 + 6.4 * key.text.length;
-    if (at > box.left && at + width > box.right) [at, line] = [box.left, line + 1];
-    const item = { ...key, x: at, y: top + 20 * line };
-    at += width;
-    return item;
-  });
+    keys.push({
+      text: "several stable orbits",
+      parts: null,
+      behind: "",
+      name: "",
+      fill: "url(#crosses)",
+    });
+  return inRows(
+    keys.map((key) => ({
+      ...key,
+      long: key.text.length + (key.parts ? labelLength(key.parts, key.behind) : key.behind.length),
+    })),
+    left,
+    right,
+  );
+}
+
+/** @param {Selected} layer @param {ReturnType<typeof areaKey>} items @param {number} top */
+function drawAreaKey(layer, items, top) {
   layer
     .selectAll("rect")
     .data(items)
     .join("rect")
     .attr("class", ({ name }) => name)
     .attr("fill", ({ fill }) => fill)
-    .attr("x", (item) => item.x)
-    .attr("y", (item) => item.y - 10)
+    .attr("x", ({ at }) => at)
+    .attr("y", ({ row }) => top + KEY_ROW * row - 6)
     .attr("width", 24)
     .attr("height", 13);
   layer
@@ -94,9 +99,13 @@ function drawAreaKey(layer, panel, top) {
     .data(items)
     .join("text")
     .attr("class", "label")
-    .attr("x", (item) => item.x + 29)
-    .attr("y", (item) => item.y)
-    .text(({ text }) => text);
+    .attr("x", ({ at }) => at + 29)
+    .attr("y", ({ row }) => top + KEY_ROW * row + 4)
+    .each(function ({ text, parts, behind }) {
+      const own = d3.select(this);
+      writeLabel(own, parts ?? { symbol: "", tilde: false, below: "", above: "" }, behind);
+      own.insert("tspan", ":first-child").text(text);
+    });
 }
 
 /** The area that holds a place, by its parameters. @param {Panel} panel @param {number} across @param {number} along */

@@ -4,7 +4,7 @@
 
 const apart = [...new Set(page.members.flatMap((member) => Object.keys(member.fixed)))];
 
-/** @type {Column[]} */
+/** All columns, as downloads have them. @type {Column[]} */
 const COLUMNS = [
   { name: "id", title: "event", of: (entry) => entry.id },
   { name: "label", title: "label", of: (entry) => entry.label },
@@ -28,6 +28,14 @@ const COLUMNS = [
     prose: true,
   },
 ];
+
+/** The columns of the table: of the parameters that vary along branches, that on the axis. */
+function columnsShown() {
+  const several = state.scope === "all" && apart.length > 0;
+  return COLUMNS.filter(
+    ({ name }) => name === state.x || (apart.includes(name) ? several : !page.varying.includes(name)),
+  );
+}
 
 /** The entries that pass the filter. */
 function filtered() {
@@ -77,7 +85,7 @@ function drawHead() {
     .data([0])
     .join("tr")
     .selectAll("th")
-    .data(COLUMNS)
+    .data(columnsShown())
     .join("th")
     .attr("scope", "col")
     .attr("aria-sort", ({ name }) =>
@@ -97,7 +105,9 @@ function drawHead() {
 /** Draw head, rows and count. */
 function drawTable() {
   drawHead();
-  const entries = inOrder();
+  element("catalogue").hidden = page.entries.length === 0;
+  const entries = inOrder(),
+    columns = columnsShown();
   const rows = d3
     .select("#table tbody")
     .selectAll("tr")
@@ -105,17 +115,18 @@ function drawTable() {
     .join("tr")
     .order()
     .attr("data-entry", ({ id }) => id)
-    .on("click", (_, { id }) => choose(id));
+    .on("click", (_, { id }) => pick(id));
   rows
     .selectAll("td")
-    .data((entry) => COLUMNS.map((column) => ({ entry, column, value: column.of(entry) })))
+    .data((entry) => columns.map((column) => ({ entry, column, value: column.of(entry) })))
     .join("td")
     .attr("class", ({ column, value }) =>
       column.prose ? "prose" : typeof value === "number" ? "number" : null,
     )
     .each(function ({ entry, column, value }) {
       const cell = /** @type {HTMLElement} */ (this);
-      if (column.name === "id") cell.replaceChildren(chooser(entry.id));
+      if (column.name === "id") cell.replaceChildren(chooser(entry.id, entry.id));
+      else if (column.name === "label") cell.replaceChildren(labelOf(entry));
       else
         cell.textContent =
           typeof value === "number" ? shown(value, column.name === "error" ? 2 : 12) : (value ?? "-");
@@ -124,14 +135,14 @@ function drawTable() {
   markRow(false);
 }
 
-/** A button that chooses an event. @param {string} id */
-function chooser(id) {
+/** A button that chooses an event. @param {string} id @param {...(string | Node)} texts */
+function chooser(id, ...texts) {
   const button = document.createElement("button");
   button.type = "button";
-  button.textContent = id;
+  button.append(...texts);
   button.addEventListener("click", (event) => {
     event.stopPropagation();
-    choose(id);
+    pick(id);
   });
   return button;
 }
@@ -147,15 +158,53 @@ function markRow(scroll) {
   }
 }
 
-/** The transitions that were read; names of events in them choose these. */
+/** An event in a sentence, with its value on the axis shown; a click chooses it. @param {string | null} id */
+function eventChip(id) {
+  const entry = entryById.get(id ?? "");
+  if (!entry) return id ?? "";
+  const value = entry.parameters[state.x] ?? familyById.get(entry.branch)?.columns[state.x]?.[entry.row];
+  return chooser(entry.id, labelOf(entry), ` at ${symbol(state.x)} = ${shown(value, 6)}`);
+}
+
+/** A transition in words. @param {Transition} transition @returns {(string | Node)[]} */
+function transitionText({ source, target, mechanism, entry, doubling, fold, doubled_grazings }) {
+  const [graze, pd, fb] = [entry, doubling, fold].map(eventChip);
+  const doubled = doubled_grazings.flatMap(([id], k) => [
+    k ? ", " : "; its doubled orbits graze at ",
+    eventChip(id),
+  ]);
+  const born = fold
+    ? [`; ${target} begins unstable where ${source} grazes, and becomes stable in a fold, `, fb]
+    : [];
+  const head = `${source} to ${target}: `,
+    tail = mechanism
+      ? ` (mechanism ${mechanism}).`
+      : ". The branches that were followed do not decide the mechanism.";
+  if (mechanism === 1) return [head, `${source} grazes, `, graze, `, and ${target} is stable at once`, tail];
+  const before = doubling
+    ? [`${source} doubles its period, `, pd, ", before it would graze, ", graze]
+    : [`${source} grazes, `, graze];
+  const last =
+    mechanism === 3
+      ? fold
+        ? `; ${target} is stable before the doubled family is lost`
+        : `; ${target} is stable from that grazing on`
+      : mechanism === 4
+        ? "; nothing of the old family that was followed is stable there: the fold ends the complex motion in between"
+        : "";
+  return [head, ...before, ...doubled, ...born, last, tail];
+}
+
+/** The transitions that were read; the events in them can be chosen. */
 function drawTransitions() {
-  const list = element("transitions");
   element("reading").hidden = page.reading.transitions.length === 0;
-  for (const { sentence } of page.reading.transitions) {
-    const item = document.createElement("li");
-    for (const part of sentence.split(/\b(e\d+)\b/)) item.append(entryById.has(part) ? chooser(part) : part);
-    list.append(item);
-  }
+  element("transitions").replaceChildren(
+    ...page.reading.transitions.map((transition) => {
+      const item = document.createElement("li");
+      item.append(...transitionText(transition));
+      return item;
+    }),
+  );
 }
 
 element("filter").addEventListener("input", (event) =>

@@ -84,6 +84,20 @@ function sized(svg, height) {
   return width;
 }
 
+/** Names beside an axis, so far apart that they can be read, above a lower edge. @template {{y: number}} N @param {N[]} names @param {number} apart @param {number} [edge] */
+function spread(names, apart, edge = Infinity) {
+  const found = names.map((name) => ({ ...name })).sort((one, other) => one.y - other.y);
+  found.forEach((name, k) => {
+    if (k) name.y = Math.max(name.y, found[k - 1].y + apart);
+  });
+  let below = edge + apart;
+  for (const name of found.reverse()) {
+    name.y = Math.min(name.y, below - apart);
+    below = name.y;
+  }
+  return found;
+}
+
 /** @typedef {{x: [number, number], y: [number, number]}} Limits */
 
 /**

@@ -22,8 +22,9 @@
  *   multipliers: Packed, tracks: Tracks | null}} Swept
  */
 /** @typedef {{wall: string, time: number, velocity: number}} Impact */
+/** A label as it is set. @typedef {{symbol: string, tilde: boolean, below: string, above: string}} Parts */
 /**
- * @typedef {{id: string, kind: string, ghost: boolean, label: string, why: string | null, branch: string,
+ * @typedef {{id: string, kind: string, ghost: boolean, label: string, parts: Parts, why: string | null, branch: string,
  *   word: string, period: number, notation: string, wall: string | null, touch_time: number | null,
  *   parameter: string, parameters: Record<string, number>, impacts: Impact[],
  *   multipliers: ([number, number] | null)[], stable: boolean, physical: boolean, reason: string | null,
@@ -32,10 +33,13 @@
  */
 /**
  * @typedef {{id: string, kind: string, label: string, word: string, notation: string, parameters: [string, string],
- *   fixed: Record<string, number>, rows: number, columns: Record<string, Packed>, ghost: Packed, ends: string[],
+ *   fixed: Record<string, number>, rows: number, columns: Record<string, Packed>, ghost: Packed, key: number, ends: string[],
  *   missed: string[], points: {kind: string, changes: string, parameters: Record<string, number>}[]}} Curve
  */
-/** @typedef {{branch: string, notation: string, low: number, high: number, rows: [number, number]}} Run */
+/**
+ * @typedef {{branch: string, notation: string, low: number, high: number, rows: [number, number],
+ *   bounds: (string | null)[]}} Run
+ */
 /**
  * @typedef {{id: string, orbits: {notation: string, ends: string | null}[], polygon: [number, number][][],
  *   part: number, says: string, doubt: string}} Area
@@ -45,6 +49,17 @@
  *   regions: {low: number, high: number, first: string, notation: string, branch: string, said: string,
  *     lane: number}[]}} Panel
  */
+/** A bifurcation that curves are of. @typedef {{kind: string, label: string, notation: string, parts: Parts, colour: string}} Key */
+/**
+ * What the machine is drawn with: `direction` is an angle below the horizontal or the parameter that is it; pairs of
+ * bodies, by their coordinates; -1 is what is fixed.
+ * @typedef {{direction: number | string, springs: [number, number][], contained: [number, number][], turning: boolean,
+ *   guards: Record<string, {side: number, row: number[], soft: boolean, rigid: boolean}>}} Geometry
+ */
+/**
+ * @typedef {{source: string, target: string, mechanism: number | null, entry: string, doubling: string | null,
+ *   fold: string | null, doubled_grazings: [string, number][]}} Transition
+ */
 /**
  * @typedef {{name: string, version: string, parameter: string, varying: string[], fixed: Record<string, number>,
  *   units: Record<string, string>, walls: string[], every: number, own: number, unknown: string | null,
@@ -53,7 +68,7 @@
  *     source: string, remarks: string[]},
  *   members: {fixed: Record<string, number>, branches: number[]}[], branches: Branch[], entries: Entry[],
  *   looks: Record<string, {marker: string, colour: string, touching: boolean}>,
- *   reading: {stable: Run[], transitions: {entry: string, sentence: string}[], incomplete: string},
+ *   reading: {stable: Run[], transitions: Transition[], incomplete: string}, machine: Geometry | null, keys: Key[],
  *   curves: Curve[], panels: Panel[], swept: Swept[]}} Page
  */
 

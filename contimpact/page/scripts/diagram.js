@@ -111,17 +111,17 @@ const Y_NAMES = {
 
 /** Draw everything anew. */
 function drawDiagram() {
-  const runs = lanes(),
-    wide = element("diagram").parentElement?.clientWidth ?? 600,
-    key = keyItems(wide - 90);
-  const width = sized(diagram, HEIGHT + LANE * runs.length + ROW * (d3.max(key, (item) => item.row) ?? 0)),
-    narrow = width < 520;
   const first = state.xlim && state.ylim ? null : home();
   /** @type {Limits} */
   const limits = {
     x: state.xlim ?? first?.x ?? [0, 1],
     y: state.ylim ?? first?.y ?? [0, 1],
   };
+  const runs = lanes(),
+    wide = element("diagram").parentElement?.clientWidth ?? 600,
+    key = keyItems(wide - 90, limits.x);
+  const width = sized(diagram, HEIGHT + LANE * runs.length + ROW * (d3.max(key, (item) => item.row) ?? 0)),
+    narrow = width < 520;
   const box = {
     left: 62,
     right: width - 22,
@@ -150,6 +150,7 @@ function drawDiagram() {
   drawBranches(group(inside, "branches"));
   drawSwept(group(inside, "attractors"));
   drawEvents(group(inside, "events"));
+  nameOrbits(group(inside, "names"));
   drawSelection(group(inside, "chosen"));
   group(inside, "pointer").selectAll("*").remove();
   drawWallNames(group(diagram, "walls"));
@@ -173,6 +174,7 @@ function drawBranches(layer) {
   /** @type {Map<string, d3.Path>} */
   const paths = new Map();
   wallEnds.clear();
+  clearNames();
   const pen = (/** @type {string} */ name) => {
     const known = paths.get(name) ?? d3.pathRound(2);
     paths.set(name, known);
@@ -185,7 +187,11 @@ function drawBranches(layer) {
       const pens = STATUS.map((name, status) =>
         statusShown(family, status) ? pen(`${wallClass(line.wall)} ${name}`) : null,
       );
-      draw(lineOf(family, state.x, line), drawn, pens, (...piece) => noteEnd(line.wall, ...piece));
+      const named = stretchOf(family.notation);
+      draw(lineOf(family, state.x, line), drawn, pens, (...piece) => {
+        noteEnd(line.wall, ...piece);
+        named(...piece);
+      });
     }
   }
   layer
@@ -215,6 +221,34 @@ function cross(path, x, y) {
   }
 }
 
+/** @param {d3.Path} path @param {number} x @param {number} y */
+function diamond(path, x, y) {
+  path.moveTo(x, y - 3);
+  for (const [dx, dy] of [
+    [3, 3],
+    [-3, 3],
+    [-3, -3],
+  ])
+    path.lineTo((x += dx), (y += dy));
+  path.closePath();
+}
+
+/** The marker of a way of simulating, as in pictures. @param {number} way */
+function markOf(way) {
+  return page.swept.some((swept) => wayOf(swept) === ways[way] && swept.direction === "random")
+    ? diamond
+    : way
+      ? cross
+      : ring;
+}
+
+/** The same as a path. @param {number} way @param {number} x @param {number} y */
+function markPath(way, x, y) {
+  const pen = d3.path();
+  markOf(way)(pen, x, y);
+  return String(pen);
+}
+
 /** Whether the first way of simulating has met an attractor, too. @param {Family} family @param {number} row */
 function metBefore(family, row) {
   const own = family.velocities.slice(family.starts[row], family.starts[row + 1]);
@@ -232,29 +266,41 @@ function metBefore(family, row) {
   );
 }
 
-/** Attractors as open circles, or crosses for those of another way that the first has not met. @param {Selected} layer */
+/** Attractors in the colours of their walls; those of another way where the first has not met them.
+ * @param {Selected} layer */
 function drawSwept(layer) {
   /** @type {Map<string, d3.Path>} */
   const paths = new Map();
-  if (state.y === "velocity")
-    for (const family of shownFamilies("swept")) {
-      const across = family.columns[state.x],
-        way = ways.indexOf(wayOf(/** @type {Swept} */ (family.swept)));
-      const name = way ? "swept other" : "swept",
-        path = paths.get(name) ?? d3.pathRound(1);
-      paths.set(name, path);
-      const met = kept(family, "met", () =>
-        Uint8Array.from({ length: family.rows }, (_, row) => Number(way > 0 && metBefore(family, row))),
-      );
-      for (let row = 0; across && row < family.rows; row++) {
-        const x = drawn.x(across[row]);
-        if (!(x >= drawn.box.left - 5 && x <= drawn.box.right + 5) || met[row]) continue;
-        for (let at = family.starts[row]; at < family.starts[row + 1]; at++) {
-          if (!wallShown(family.walls[at])) continue;
-          (way ? cross : ring)(path, x, drawn.y(family.velocities[at]));
+  const mark = (
+    /** @type {number} */ way,
+    /** @type {number} */ wall,
+    /** @type {number} */ x,
+    /** @type {number} */ speed,
+  ) => {
+    const name = `swept ${wallClass(wall)}`,
+      path = paths.get(name) ?? d3.pathRound(1),
+      y = drawn.y(speed);
+    paths.set(name, path);
+    markOf(way)(path, x, y);
+    cover(x, y);
+  };
+  for (const family of state.y === "velocity" ? shownFamilies("swept") : []) {
+    const across = family.columns[state.x],
+      way = ways.indexOf(wayOf(/** @type {Swept} */ (family.swept)));
+    const met = kept(family, "met", () =>
+      Uint8Array.from({ length: family.rows }, (_, row) => Number(way > 0 && metBefore(family, row))),
+    );
+    for (let row = 0; across && row < family.rows; row++) {
+      const x = drawn.x(across[row]);
+      if (!(x >= drawn.box.left - 5 && x <= drawn.box.right + 5) || met[row]) continue;
+      if (family.starts[row] === family.starts[row + 1]) mark(way, -1, x, 0);
+      for (let at = family.starts[row]; at < family.starts[row + 1]; at++)
+        if (wallShown(family.walls[at])) {
+          mark(way, family.walls[at], x, family.velocities[at]);
+          noteEnd(family.walls[at], x, drawn.y(family.velocities[at]), x, drawn.y(family.velocities[at]), 1);
         }
-      }
     }
+  }
   layer
     .selectAll("path")
     .data([...paths])
@@ -311,6 +357,7 @@ function drawEvents(layer) {
   const marks = shownEntries()
     .sort((a, b) => Number(b.ghost) - Number(a.ghost))
     .flatMap(marksOf);
+  for (const { x, y } of marks) cover(drawn.x(x), drawn.y(y), 1);
   const passing = new Set(filtered().map((entry) => entry.id));
   layer
     .selectAll("path")

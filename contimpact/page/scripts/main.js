@@ -33,9 +33,6 @@ function toggle(name, text, look = "", d = "M1,6H25") {
 
 /** Everything that can be chosen. */
 function drawChoices() {
-  const [circle, crossing] = [d3.path(), d3.path()];
-  ring(circle, 13, 6);
-  cross(crossing, 13, 6);
   element("toggles").replaceChildren(
     toggle("stable", "stable", "branch nowall stable"),
     toggle("unstable", "unstable", "branch nowall unstable"),
@@ -44,9 +41,7 @@ function drawChoices() {
     toggle("ghosts", "ghosts"),
     toggle("labels", "labels"),
     toggle("runs", "stable runs"),
-    ...ways.map((way, k) =>
-      toggle(way, k ? `${way}: other ones` : way, k ? "swept other" : "swept", String(k ? crossing : circle)),
-    ),
+    ...ways.map((way, k) => toggle(way, k ? `${way}: other ones` : way, "swept nowall", markPath(k, 13, 6))),
   );
   fill(
     "x",
@@ -64,7 +59,7 @@ function drawChoices() {
   element("scope-label").hidden = page.members.length < 2;
   element("panel-label").hidden = page.panels.length < 2;
   element("views").hidden = page.curves.length === 0;
-  element("branch-choice").hidden = page.branches.length === 0;
+  element("unphysical-label").hidden = page.branches.length === 0;
 }
 
 /** The branches of the member shown, each to be hidden. */
@@ -151,7 +146,7 @@ const REDRAWN = [
   "ghosts",
   "scope",
 ];
-const LISTED = ["filter", "ghosts", "sort", "scope", "member"];
+const LISTED = ["filter", "ghosts", "sort", "scope", "member", "x"];
 
 observers.push((changed) => {
   const any = (/** @type {string[]} */ names) => names.some((name) => changed.has(name));
@@ -160,8 +155,9 @@ observers.push((changed) => {
   if (state.view === "diagram" && any(REDRAWN)) drawDiagram();
   if (state.view === "plane" && any(["view", "panel", "plane", "member"])) drawPlane();
   if (any(["panel"])) drawPlaneTables();
-  if (any(["at", "view"]) && state.view === "diagram") drawOrbit();
+  if (any(["at", "view", "x"]) && state.view === "diagram") drawOrbit();
   if (any(LISTED)) drawTable();
+  if (any(["x"])) drawTransitions();
   if (changed.has("at")) markRow(true);
 });
 
@@ -272,13 +268,22 @@ drawHeading();
 drawChoices();
 drawBranchChoice();
 drawWarnings();
-drawTransitions();
 Object.assign(state, cited());
 drawAll();
 drawPlaneTables();
 addEventListener("hashchange", () => {
   if (location.hash.slice(1) !== fragment()) change(cited());
 });
+document.addEventListener("click", (event) => {
+  const menu = /** @type {HTMLDetailsElement} */ (element("show"));
+  if (menu.open && !menu.contains(/** @type {Node} */ (event.target))) menu.open = false;
+});
+element("show").addEventListener("keydown", (event) => {
+  if (event.key !== "Escape") return;
+  /** @type {HTMLDetailsElement} */ (element("show")).open = false;
+  /** @type {HTMLElement | null} */ (document.querySelector("#show summary"))?.focus();
+});
+dark.addEventListener("change", drawAll);
 let width = document.body.clientWidth;
 addEventListener("resize", () => {
   if (document.body.clientWidth === width) return;

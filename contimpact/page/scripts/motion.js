@@ -5,7 +5,7 @@
  * for each flight. Walls have a place and a coordinate; `hits` are the coordinates that meet at the flights' starts.
  * @typedef {{t: number[], x: number[][], v: number[][]}} Flight
  * @typedef {{flights: Flight[], walls: [string, number, number][], hits: number[][], touched: (wall: string) => number[],
- *   coordinates: string[], span: number}} Motion
+ *   places: Record<string, number>, coordinates: string[], span: number}} Motion
  */
 
 const unpackedTracks = new WeakMap();
@@ -71,11 +71,27 @@ function motionOf(family, row) {
   return {
     flights,
     walls: alone.map(([name, values]) => [name, values[row], hits[name][0]]),
+    places: Object.fromEntries(tracks.walls.map(([name, values]) => [name, values[row]])),
     hits: nodes.map((_, k) => hits[page.walls[family.walls[from + k]]]),
     touched: (wall) => hits[wall] ?? [],
     coordinates,
     span: family.period,
   };
+}
+
+/**
+ * The walls, those that share a place together.
+ * @param {Motion} motion
+ * @returns {{names: string[], place: number, coordinate: number, look: string}[]}
+ */
+function wallsTogether({ walls }) {
+  const groups = d3.groups(walls, ([, place, coordinate]) => `${coordinate} ${place}`);
+  return groups.map(([, own]) => ({
+    names: own.map(([name]) => name),
+    place: own[0][1],
+    coordinate: own[0][2],
+    look: wallClass(page.walls.indexOf(own[0][0])),
+  }));
 }
 
 /**

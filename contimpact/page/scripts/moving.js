@@ -3,25 +3,17 @@
 let clock = 0;
 let playing = 0;
 
-/** Where the bodies are now. */
+/** Where everything is now. */
 function drawNow() {
   if (!moving) return;
-  const { motion, bodies, scale } = moving,
+  const { motion, machine, scale } = moving,
     begin = motion.flights[0].t[0],
     time = begin + (clock % motion.span),
-    states = stateAt(motion, time).map((state, i) => ({ ...state, i })),
-    there = states.filter(({ x, v }) => Number.isFinite(x) && Number.isFinite(v));
-  const [bottom, top] = scale.x.range();
-  const svg = d3.select("#series");
-  group(svg, "body")
-    .selectAll("circle")
-    .data(there)
-    .join("circle")
-    .attr("class", ({ i }) => `ball ${coordinateClass(i)}`)
-    .attr("r", 7)
-    .attr("cx", ({ i }) => bodies[i])
-    .attr("cy", ({ x }) => scale.x(x));
-  group(group(svg, "inside"), "now")
+    states = stateAt(motion, time);
+  machine?.moved(states);
+  const [bottom, top] = scale.x.range(),
+    series = group(d3.select("#series"), "inside");
+  group(series, "now")
     .selectAll("line")
     .data([0])
     .join("line")
@@ -30,14 +22,36 @@ function drawNow() {
     .attr("x2", scale.t(time))
     .attr("y1", bottom)
     .attr("y2", top);
-  group(group(d3.select("#phase"), "inside"), "now")
+  dot(
+    series,
+    states,
+    () => scale.t(time),
+    ({ x }) => scale.x(x),
+  );
+  dot(
+    group(d3.select("#phase"), "inside"),
+    states,
+    ({ x }) => scale.px(x),
+    ({ v }) => scale.pv(v),
+  );
+}
+
+/** A dot for each coordinate that has a value now. @param {Selected} inside @param {States} states @param {(state: States[0]) => number} across @param {(state: States[0]) => number} up */
+function dot(inside, states, across, up) {
+  group(inside, "dots")
     .selectAll("circle")
-    .data(there)
+    .data(states)
     .join("circle")
-    .attr("class", ({ i }) => `ball ${coordinateClass(i)}`)
+    .attr("class", (_, i) => `ball ${coordinateClass(i)}`)
+    .attr("visibility", ({ x, v }) => (Number.isFinite(x) && Number.isFinite(v) ? null : "hidden"))
     .attr("r", 5)
-    .attr("cx", ({ x }) => scale.px(x))
-    .attr("cy", ({ v }) => scale.pv(v));
+    .attr("cx", (state) => finite(across(state)))
+    .attr("cy", (state) => finite(up(state)));
+}
+
+/** A number that a picture takes. @param {number} value */
+function finite(value) {
+  return Number.isFinite(value) ? value : 0;
 }
 
 /** Play or stop; a forcing period takes two seconds. @param {boolean} wanted */

@@ -66,11 +66,89 @@ function multipliersAt(family, row) {
     .filter(([re]) => !Number.isNaN(re));
 }
 
-/** What an orbit is called. @param {Family} family @param {Entry | null} [entry] */
-function titleOf(family, entry = null) {
-  const event = entry ? `${entry.label} (${entry.id}) on ` : "";
+/** What an orbit is called. @param {Family} family */
+function titleOf(family) {
   if (family.swept) return `attractor ${family.notation}, ${wayOf(family.swept)}`;
-  return `${event}${family.id}, ${family.notation} (${family.word})`;
+  return `${family.id}, ${family.notation}${family.word ? ` (${family.word})` : ""}`;
+}
+
+/** A symbol, with the tilde of ghosts over it. @param {Parts} parts */
+function symbolOf({ symbol: name, tilde }) {
+  if (!tilde) return name;
+  const [first, second] = name;
+  return name.length === 1 ? `${first}\u0303` : name.length === 2 ? `${first}\u0360${second}` : `~${name}`;
+}
+
+const severally = new Set(
+  d3
+    .rollups(
+      page.entries,
+      (own) => new Set(own.map(({ notation }) => notation)).size,
+      ({ kind }) => kind,
+    )
+    .filter(([, orbits]) => orbits > 1)
+    .map(([kind]) => kind),
+);
+
+/** The orbit, behind a label that does not name it and of a kind that is found on several. @param {Entry} entry */
+function orbitBehind({ parts, kind, notation }) {
+  return !parts.above && severally.has(kind) ? `(${notation.slice(0, 24)})` : "";
+}
+
+/** The label of an event as it is set, for texts. @param {Entry} entry */
+function labelOf(entry) {
+  const { parts } = entry,
+    set = document.createElement("span");
+  set.className = "set";
+  set.title = entry.label;
+  set.append(symbolOf(parts));
+  for (const [name, text] of [
+    ["sub", parts.below],
+    ["sup", parts.above],
+  ]) {
+    if (!text) continue;
+    const word = document.createElement(name);
+    word.textContent = text;
+    set.append(word);
+  }
+  set.append(orbitBehind(entry));
+  return set;
+}
+
+const ruler = document.createElement("canvas").getContext("2d");
+
+/** How wide a lowered or raised word is. @param {string} text */
+function wordWidth(text) {
+  if (!ruler) return 5 * text.length;
+  ruler.font = `8.5px ${getComputedStyle(document.body).fontFamily}`;
+  return ruler.measureText(text).width;
+}
+
+/** Write a label into a text of a picture: its words one over the other. @param {Selected} text @param {Parts} parts @param {string} behind */
+function writeLabel(text, parts, behind = "") {
+  text.text(null).append("tspan").text(symbolOf(parts));
+  const words = /** @type {[string, number][]} */ ([
+    [parts.below, 3],
+    [parts.above, -5],
+  ]).filter(([word]) => word);
+  words.sort(([a], [b]) => wordWidth(a) - wordWidth(b));
+  let level = 0,
+    back = -1;
+  for (const [word, up] of words) {
+    text
+      .append("tspan")
+      .attr("class", "word")
+      .attr("dx", -back)
+      .attr("dy", up - level)
+      .text(word);
+    [level, back] = [up, wordWidth(word)];
+  }
+  if (behind) text.append("tspan").attr("dy", -level).text(behind);
+}
+
+/** About how long a label is, in letters. @param {Parts} parts @param {string} behind */
+function labelLength(parts, behind = "") {
+  return parts.symbol.length + 0.8 * Math.max(parts.below.length, parts.above.length) + behind.length + 0.3;
 }
 
 /** How attractors were found: by what changes along the sweep. @param {Swept} swept */
@@ -91,6 +169,11 @@ function stateOf(family, row, entry = null) {
   if (family.physical && !family.physical[row])
     return `unphysical: ${family.reason(row) || "no reason recorded"}; ${stability}`;
   return `${stability}, physical`;
+}
+
+/** The value at a row on the axis shown. @param {Family} family @param {number} row @param {number} [digits] */
+function valueText(family, row, digits = 10) {
+  return `${symbol(state.x)} = ${shown(family.columns[state.x]?.[row], digits)}`;
 }
 
 /** The parameters that vary, at a row. @param {Family} family @param {number} row @param {number} [digits] */

@@ -1,6 +1,8 @@
-// The chosen orbit: displacements over time, phase plane, multipliers, and the bodies between their walls.
+// The chosen orbit: the machine, the phase plane, displacements over time, multipliers, numbers.
 
-/** @type {{motion: Motion, bodies: number[], scale: {t: Linear, x: Linear, px: Linear, pv: Linear}} | null} */
+/** The height of these pictures. */
+const PANEL = 230;
+/** @type {{motion: Motion, machine: Machine | null, scale: {t: Linear, x: Linear, px: Linear, pv: Linear}} | null} */
 let moving = null;
 /** Multipliers beyond stand at the edge of their picture, with their size, so that the unit circle can be seen. */
 const EDGE = 2.5;
@@ -16,22 +18,25 @@ function drawOrbit() {
     return;
   }
   const { family, row, entry } = place;
-  element("orbit-name").textContent = titleOf(family, entry);
-  element("orbit-state").textContent = `${placeText(family, row)}; ${stateOf(family, row, entry)}`;
+  if (entry) element("orbit-name").replaceChildren(labelOf(entry), ` (${entry.id}) on ${titleOf(family)}`);
+  else element("orbit-name").textContent = titleOf(family);
+  element("orbit-state").textContent = `${valueText(family, row)}; ${stateOf(family, row, entry)}`;
   const slider = /** @type {HTMLInputElement} */ (element("slider"));
   slider.max = String(family.rows - 1);
   slider.value = String(row);
   slider.setAttribute("aria-valuetext", `${placeText(family, row, 6)}, ${stateOf(family, row, entry)}`);
   const drawnRow = keptRow(family, row),
     motion = motionOf(family, drawnRow);
-  for (const id of ["series", "phase"])
+  for (const id of ["series", "phase", "machine"])
     /** @type {HTMLElement} */ (element(id).parentElement).hidden = !motion;
   /** @type {HTMLButtonElement} */ (element("play")).disabled = !motion;
   sayMissing(family, row, drawnRow, motion !== null);
   moving = null;
   if (motion) {
-    drawSeries(motion, family, drawnRow, entry);
-    drawPhase(motion, family, drawnRow, entry);
+    const machine = drawMachine(motion, family, drawnRow),
+      over = drawSeries(motion, family, drawnRow, entry),
+      plane = drawPhase(motion, family, drawnRow, entry);
+    moving = { motion, machine, scale: { ...over, ...plane } };
     drawNow();
   } else play(false);
   const multipliers = multipliersAt(family, row);
@@ -74,21 +79,26 @@ function trace(pen, x, y) {
   });
 }
 
-/** The names of several coordinates, in the colours of their lines. @param {Selected} inside @param {Motion} motion @param {Box} box */
-function drawNames(inside, motion, box) {
-  let at = box.left + 6;
-  const names = motion.coordinates.map((name, i) => {
+/** Where frames begin: names of several coordinates stand above. @param {Motion} motion */
+function topOf({ coordinates }) {
+  return coordinates.length > 1 ? 24 : 12;
+}
+
+/** The names of several coordinates above a frame, in the colours of their lines. @param {Selected} svg @param {Motion} motion @param {Box} box */
+function drawNames(svg, { coordinates }, box) {
+  let at = box.left;
+  const names = coordinates.map((name) => {
     const place = at;
-    at += 10 + 8 * name.length;
-    return { name, i, place };
+    at += 12 + 9 * symbol(name).length;
+    return { name, place };
   });
-  group(inside, "names")
+  group(svg, "names")
     .selectAll("text")
     .data(names.length > 1 ? names : [])
     .join("text")
-    .attr("class", ({ i }) => `coordinate-name ${coordinateClass(i)}`)
+    .attr("class", (_, i) => `coordinate-name ${coordinateClass(i)}`)
     .attr("x", ({ place }) => place)
-    .attr("y", box.top + 13)
+    .attr("y", box.top - 7)
     .text(({ name }) => symbol(name));
 }
 
@@ -110,13 +120,13 @@ function drawWalls(layer, motion, line) {
     .attr("y2", ([, at, i]) => line(at, i)[3]);
 }
 
-/** Displacements over time, and the bodies beside them. @param {Motion} motion @param {Family} family @param {number} row @param {Entry | null} entry */
+/** Displacements over time; returns the scales. @param {Motion} motion @param {Family} family @param {number} row @param {Entry | null} entry */
 function drawSeries(motion, family, row, entry) {
   const svg = d3.select("#series"),
-    width = sized(svg, 230),
-    count = motion.coordinates.length,
-    apart = Math.min(46, (0.4 * width) / count),
-    box = { left: 62, right: width - 58 - (count - 1) * apart, top: 12, bottom: 188 };
+    width = sized(svg, PANEL),
+    walls = wallsTogether(motion),
+    widest = d3.max(walls, ({ names }) => names.join(", ").length) ?? 0,
+    box = { left: 60, right: width - 12 - 10 * widest, top: topOf(motion), bottom: PANEL - 42 };
   const turns = motion.span === 1 ? 2 : 1,
     begin = motion.flights[0].t[0];
   const t = d3.scaleLinear([begin, begin + turns * motion.span], [box.left, box.right]);
@@ -143,7 +153,7 @@ function drawSeries(motion, family, row, entry) {
     .join("path")
     .attr("class", (_, i) => `path ${coordinateClass(i)}`)
     .attr("d", (d) => d);
-  drawNames(inside, motion, box);
+  drawNames(svg, motion, box);
   const hits = repeated.flatMap(({ flight, k, later }) =>
     motion.hits[k].map((i) => ({
       t: flight.t[0] + later,
@@ -160,37 +170,21 @@ function drawSeries(motion, family, row, entry) {
     .attr("cx", (hit) => t(hit.t))
     .attr("cy", (hit) => x(hit.x));
   drawTouch(group(inside, "touches"), touches(motion, entry, family, row), ({ time }) => t(time), x);
-  const bar = group(svg, "capsule"),
-    bodies = motion.coordinates.map((_, i) => box.right + 30 + apart * i);
-  bar
-    .selectAll("rect")
-    .data(bodies)
-    .join("rect")
-    .attr("class", "frame")
-    .attr("x", (middle) => middle - 14)
-    .attr("y", box.top)
-    .attr("width", 28)
-    .attr("height", box.bottom - box.top);
-  drawWalls(bar, motion, (at, i) => [bodies[i] - 14, x(at), bodies[i] + 14, x(at)]);
-  bar
-    .selectAll("text.wall-name")
-    .data(motion.walls)
+  group(svg, "walls")
+    .selectAll("text")
+    .data(
+      spread(
+        walls.map((wall) => ({ ...wall, y: x(wall.place) })),
+        16,
+      ),
+    )
     .join("text")
-    .attr("class", ([name]) => `wall-name ${wallClass(page.walls.indexOf(name))}`)
-    .attr("x", ([, , i]) => bodies[i] + 17)
-    .attr("y", ([, at]) => x(at) + 4)
-    .text(([name]) => name);
-  bar
-    .selectAll("text.coordinate-name")
-    .data(count > 1 ? motion.coordinates : [])
-    .join("text")
-    .attr("class", (_, i) => `coordinate-name ${coordinateClass(i)}`)
-    .attr("text-anchor", "middle")
-    .attr("x", (_, i) => bodies[i])
-    .attr("y", box.bottom + 16)
-    .text(symbol);
+    .attr("class", ({ look }) => `wall-name ${look}`)
+    .attr("x", box.right + 5)
+    .attr("y", ({ y }) => y + 4)
+    .text(({ names }) => names.join(", "));
   svg.attr("aria-label", `Displacement over time of ${titleOf(family)}`);
-  moving = { motion, bodies, scale: { t, x, px: t, pv: x } };
+  return { t, x };
 }
 
 /** Where a grazing orbit touches: the time, and the coordinates that do. @param {Motion} motion @param {Entry | null} entry @param {Family} family @param {number} row */
@@ -217,11 +211,11 @@ function drawTouch(layer, found, across, up, what = "x") {
     .attr("cy", (touch) => up(touch[what]));
 }
 
-/** @param {Motion} motion @param {Family} family @param {number} row @param {Entry | null} entry */
+/** The phase plane; returns its scales. @param {Motion} motion @param {Family} family @param {number} row @param {Entry | null} entry */
 function drawPhase(motion, family, row, entry) {
   const svg = d3.select("#phase"),
-    width = sized(svg, 230),
-    box = { left: 62, right: width - 12, top: 12, bottom: 188 };
+    width = sized(svg, PANEL),
+    box = { left: 60, right: width - 12, top: topOf(motion), bottom: PANEL - 42 };
   const x = d3.scaleLinear(widened(extentOf(motion, "x"), 0.09), [box.left, box.right]);
   const v = d3.scaleLinear(widened(extentOf(motion, "v"), 0.09), [box.bottom, box.top]);
   const inside = drawFrame(svg, box, { x, y: v }, { x: "displacement", y: "velocity", ticks: [3, 5] });
@@ -243,7 +237,7 @@ function drawPhase(motion, family, row, entry) {
     .join("path")
     .attr("class", ({ name }) => name)
     .attr("d", ({ d }) => d);
-  drawNames(inside, motion, box);
+  drawNames(svg, motion, box);
   const hits = motion.flights.flatMap((flight, k) =>
     motion.hits[k].flatMap((i) => {
       const before = endOf(k ? motion.flights[k - 1] : last, i),
@@ -265,7 +259,7 @@ function drawPhase(motion, family, row, entry) {
   const found = touches(motion, entry, family, row);
   drawTouch(group(inside, "touches"), found, (touch) => x(touch.x), v, "v");
   svg.attr("aria-label", `Phase plane of ${titleOf(family)}`);
-  if (moving) moving.scale = { ...moving.scale, px: x, pv: v };
+  return { px: x, pv: v };
 }
 
 /** The state of a coordinate at the end of a flight. @param {Flight} flight @param {number} i */
@@ -277,11 +271,11 @@ function endOf({ x, v }, i) {
 /** Multipliers in the plane of complex numbers, and the unit circle. @param {[number, number][]} multipliers */
 function drawCircle(multipliers) {
   const svg = d3.select("#circle"),
-    width = sized(svg, 230),
-    side = Math.min(width - 74, 176);
+    side = Math.max(60, Math.min((element("circle").parentElement?.clientWidth || 300) - 72, PANEL - 54));
+  sized(svg, side + 54);
   const finite = multipliers.filter(([re, im]) => Number.isFinite(re) && Number.isFinite(im));
   const far = Math.min(EDGE, Math.max(1.25, ...finite.map(([re, im]) => 1.1 * Math.hypot(re, im))));
-  const box = { left: 62, right: 62 + side, top: 12, bottom: 12 + side };
+  const box = { left: 60, right: 60 + side, top: 12, bottom: 12 + side };
   const x = d3.scaleLinear([-far, far], [box.left, box.right]),
     y = d3.scaleLinear([-far, far], [box.bottom, box.top]);
   const inside = drawFrame(svg, box, { x, y }, { x: "real", y: "imaginary", ticks: [3, 5] });
@@ -350,7 +344,7 @@ function drawNumbers(family, row, entry) {
   const impacts = Array.from({ length: count }, (_, k) => [
     String(k + 1),
     page.walls[family.walls[from + k]],
-    shown(family.times[from + k], 12),
+    shown(family.times[from + k], 10),
     shown(family.velocities[from + k], 12),
   ]);
   const facts = page.varying
@@ -377,8 +371,8 @@ function drawNumbers(family, row, entry) {
     for (const text of branch.missed) facts.push(["not located", text]);
     for (const text of branch.notes) facts.push(["note", text]);
   }
-  element("orbit-numbers").replaceChildren(
-    tableOf([["quantity", "value"], ...facts], "The orbit's numbers"),
-    tableOf([["impact", "wall", "time", "velocity before"], ...impacts], "Impacts"),
+  element("orbit-impacts").replaceChildren(
+    ...(count ? [tableOf([["#", "wall", "time", "velocity"], ...impacts], "Impacts")] : []),
   );
+  element("orbit-numbers").replaceChildren(tableOf([["quantity", "value"], ...facts], "The orbit's numbers"));
 }

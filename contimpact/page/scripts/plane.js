@@ -12,21 +12,37 @@ const curves = page.curves.map((curve) => ({
   made: {},
 }));
 
-/** Curves of one bifurcation of an orbit have one look. @param {Curve} curve */
-function keyOf(curve) {
-  return [curve.kind, curve.label, curve.notation].join("\0");
+const dark = matchMedia("screen and (prefers-color-scheme: dark)");
+
+/** A colour of pictures as it is drawn: lighter on dark. @param {string | undefined} colour */
+function ink(colour) {
+  const own = colour ?? "#808080",
+    { h, s, l } = d3.hsl(own);
+  return dark.matches ? d3.hsl(h, s, 1 - 0.65 * l).formatHex() : own;
 }
 
-const keys = [...new Set(page.curves.map(keyOf))];
+/** The colour of what ends an orbit. @param {string | null} label @param {string} notation */
+function colourOf(label, notation) {
+  return ink(page.keys.find((key) => key.label === label && key.notation === notation)?.colour);
+}
 
-/** The kind's colour; a second bifurcation of a kind is black, further ones are grey. @param {string} key */
-function lookOf(key) {
-  const kind = key.split("\0")[0],
-    place = keys.filter((other) => other.split("\0")[0] === kind).indexOf(key);
-  return {
-    colour: place === 0 ? (page.looks[kind]?.colour ?? null) : null,
-    name: place === 1 ? "plain" : place > 1 ? "further" : "own",
-  };
+/** The bifurcations of a panel's curves, and what stands behind their labels. @param {Panel} panel */
+function keysOf(panel) {
+  const own = page.keys.filter((_, place) => panel.curves.some((curve) => page.curves[curve].key === place)),
+    several = new Set(own.map(({ notation }) => notation)).size > 1;
+  return own.map((key) => ({ ...key, behind: several && !key.parts.above ? `(${key.notation})` : "" }));
+}
+
+/** Items of a key in rows. @template {{long: number}} I @param {I[]} items @param {number} left @param {number} right @returns {(I & {at: number, row: number})[]} */
+function inRows(items, left, right) {
+  let at = left,
+    row = 0;
+  return items.map((item) => {
+    const room = 46 + 6.6 * item.long;
+    if (at > left && at + room > right) [at, row] = [left, row + 1];
+    at += room;
+    return { ...item, at: at - room, row };
+  });
 }
 
 /** The members of the diagram that belong to a panel, with their value of the second parameter. @param {Panel} panel */
@@ -63,9 +79,17 @@ function planeHome() {
 function drawPlane() {
   const panel = page.panels[state.panel];
   if (!panel) return;
-  const width = sized(plane, panel.areas.length ? 570 : 520),
-    box = { left: 62, right: width - 20, top: 16, bottom: 430 },
+  const keys = keysOf(panel),
+    names = d3.max(keys, ({ parts, behind }) => labelLength(parts, behind)) ?? 0,
+    wide = Math.max(200, element("plane").parentElement?.clientWidth ?? 600),
+    box = { left: 62, right: wide - 14 - 6 * names, top: 16, bottom: 430 },
+    lines = curveKey(panel, keys, box.left, wide),
+    tints = areaKey(panel, box.left, wide),
+    below = box.bottom + 70,
+    rowsOf = (/** @type {{row: number}[]} */ items) => (d3.max(items, ({ row }) => row) ?? -1) + 1,
     given = state.plane;
+  const lower = below + KEY_ROW * rowsOf(lines);
+  sized(plane, lower + KEY_ROW * rowsOf(tints));
   /** @type {Limits} */
   const limits = given ? { x: [given[0], given[1]], y: [given[2], given[3]] } : planeHome();
   const x = d3.scaleLinear(limits.x, [box.left, box.right]),
@@ -78,8 +102,9 @@ function drawPlane() {
   drawPoints(group(inside, "points"), panel);
   group(inside, "pointer");
   drawComputed(group(plane, "values"), panel);
-  drawCurveKey(group(plane, "key"), panel);
-  drawAreaKey(group(plane, "tints"), panel, 518);
+  nameEnds(group(plane, "ends"), panel, keys);
+  drawCurveKey(group(plane, "key"), lines, below);
+  drawAreaKey(group(plane, "tints"), tints, lower);
   plane.attr(
     "aria-label",
     `Curves of bifurcations: ${withUnit(panel.along)} against ${withUnit(panel.across)}, ${valuesText(panel.fixed)}`,
@@ -109,7 +134,7 @@ function drawCurves(layer, panel) {
         curve,
         d: pen.toString(),
         name: status ? "ghost" : "",
-        look: lookOf(keyOf(curve)),
+        colour: ink(page.keys[curve.key].colour),
       }));
     })
     .filter(({ d }) => d);
@@ -117,8 +142,8 @@ function drawCurves(layer, panel) {
     .selectAll("path")
     .data(lines)
     .join("path")
-    .attr("class", ({ name, look }) => `curve ${look.name} ${name}`)
-    .attr("stroke", ({ look }) => look.colour)
+    .attr("class", ({ name }) => `curve ${name}`)
+    .attr("stroke", ({ colour }) => colour)
     .attr("data-curve", ({ curve }) => curve.id)
     .attr("d", ({ d }) => d);
 }
@@ -151,25 +176,92 @@ function drawPoints(layer, panel) {
     .text(({ kind, changes }) => `${kind}: ${changes}`);
   layer
     .selectAll("text")
-    .data(points)
+    .data(beside(points))
     .join("text")
     .attr("class", "label")
-    .attr("x", ({ x }) => x + 7)
-    .attr("y", ({ y }) => y - 5)
+    .attr("x", ({ left }) => left)
+    .attr("y", ({ top }) => top + 10)
     .text(({ kind }) => kind);
+}
+
+/** Labels of points where they cover no other one and no point; those without such a place are left to their titles.
+ * @template {{x: number, y: number, kind: string}} P @param {P[]} points */
+function beside(points) {
+  const { box } = planeDrawn;
+  /** @type {(P & {left: number, top: number, wide: number})[]} */
+  const set = [];
+  for (const point of points) {
+    const wide = 7 * point.kind.length + 2;
+    const spots = [
+      [7, -15],
+      [7, 3],
+      [-7 - wide, -15],
+      [-7 - wide, 3],
+      [-wide / 2, -20],
+      [-wide / 2, 8],
+    ].map(([dx, dy]) => ({ left: point.x + dx, top: point.y + dy }));
+    const free = spots.find(
+      ({ left, top }) =>
+        left > box.left &&
+        left + wide < box.right &&
+        top > box.top &&
+        top + 13 < box.bottom &&
+        set.every(
+          (one) => left > one.left + one.wide || one.left > left + wide || Math.abs(top - one.top) > 13,
+        ) &&
+        points.every(({ x, y }) => x < left - 5 || x > left + wide + 5 || y < top - 5 || y > top + 18),
+    );
+    if (free) set.push({ ...point, ...free, wide });
+  }
+  return set;
+}
+
+/** Name curves where they leave the picture to the right, as in pictures. @param {Selected} layer @param {Panel} panel @param {ReturnType<typeof keysOf>} keys */
+function nameEnds(layer, panel, keys) {
+  const { x, y, box } = planeDrawn,
+    high = x.invert(box.right),
+    near = x.invert(box.right - 0.06 * (box.right - box.left));
+  const ends = panel.curves.flatMap((place) => {
+    const { curve, columns } = curves[place],
+      across = columns[panel.across],
+      along = columns[panel.along],
+      key = keys.find(({ label, notation }) => label === curve.label && notation === curve.notation);
+    const found = [];
+    for (let row = 0; row + 1 < curve.rows; row++)
+      if ((across[row] - high) * (across[row + 1] - high) <= 0) found.push(along[row]);
+    const last = d3.maxIndex(/** @type {any} */ (across));
+    if (!found.length && across[last] > near && across[last] <= high) found.push(along[last]);
+    return found.map((value) => ({ key, y: y(value) }));
+  });
+  const seen = ends.filter(({ y: at }) => at >= box.top && at <= box.bottom);
+  const once = d3.groups(seen, ({ key, y: at }) => `${key?.label} ${key?.notation} ${Math.round(at / 6)}`);
+  layer
+    .selectAll("text")
+    .data(
+      spread(
+        once.map(([, [first]]) => first),
+        19,
+        box.bottom,
+      ),
+    )
+    .join("text")
+    .attr("class", "curve-name")
+    .attr("fill", ({ key }) => ink(key?.colour))
+    .attr("x", box.right + 6)
+    .attr("y", ({ y: at }) => at + 4)
+    .each(function ({ key }) {
+      if (key) writeLabel(d3.select(this), key.parts, key.behind);
+    });
 }
 
 /** What comes first, as bands along the lower edge, where no areas tell more. @param {Selected} layer @param {Panel} panel */
 function drawRegions(layer, panel) {
   const { x, box } = planeDrawn;
-  const bands = (panel.areas.length ? [] : panel.regions).map((region) => {
-    const curve = page.curves.find((one) => one.label === region.first && one.notation === region.notation);
-    return {
-      region,
-      look: curve ? lookOf(keyOf(curve)) : { colour: null, name: "further" },
-      lane: region.lane,
-    };
-  });
+  const bands = (panel.areas.length ? [] : panel.regions).map((region) => ({
+    region,
+    colour: colourOf(region.first, region.notation),
+    lane: region.lane,
+  }));
   const rects = layer
     .selectAll("rect")
     .data(bands)
@@ -179,7 +271,7 @@ function drawRegions(layer, panel) {
     .attr("width", ({ region }) => Math.max(0, x(region.high) - x(region.low)))
     .attr("y", ({ lane }) => box.bottom - 13 - 14 * lane)
     .attr("height", 12)
-    .attr("fill", ({ look }) => look.colour ?? "gray");
+    .attr("fill", ({ colour }) => colour);
   rects
     .selectAll("title")
     .data((band) => [band])
@@ -200,7 +292,7 @@ function drawComputed(layer, panel) {
     .join("path")
     .attr("class", ({ place }) => `computed${place === state.member ? " here" : ""}`)
     .attr("d", d3.symbol(d3.symbolTriangle, 50)())
-    .attr("transform", ({ value }) => `translate(${x(value)},${box.bottom + 27})`);
+    .attr("transform", ({ value }) => `translate(${x(value)},${box.bottom + 47})`);
   const buttons = values.map(({ place, value }) => {
     const button = document.createElement("button");
     button.type = "button";
@@ -208,59 +300,81 @@ function drawComputed(layer, panel) {
     button.addEventListener("click", () => openMember(place));
     return button;
   });
-  element("plane-diagrams").replaceChildren(
-    ...(values.length ? ["diagrams at", ...buttons] : ["no branches were computed here"]),
-  );
+  element("plane-diagrams").replaceChildren(...(values.length ? ["diagrams at", ...buttons] : []));
 }
 
-/** @param {Selected} layer @param {Panel} panel */
-function drawCurveKey(layer, panel) {
-  const own = [...new Set(panel.curves.map((place) => keyOf(page.curves[place])))];
-  const several = new Set(own.map((key) => key.split("\0")[2])).size > 1;
-  let at = planeDrawn.box.left;
-  const items = own.map((key) => {
-    const [, label, notation] = key.split("\0"),
-      name = label + (several ? ` (${notation})` : ""),
-      here = at;
-    at += 40 + 7.2 * name.length;
-    return { name, look: lookOf(key), at: here, ghost: false };
-  });
-  items.push({
-    name: "dotted: ghost",
-    look: { colour: null, name: "plain" },
-    at,
-    ghost: true,
-  });
+const KEY_ROW = 19;
+
+/** The key to the lines of a panel, in rows. @param {Panel} panel @param {ReturnType<typeof keysOf>} keys @param {number} left @param {number} right */
+function curveKey(panel, keys, left, right) {
+  const items = keys.map(({ parts, behind, colour }) => ({
+    parts,
+    behind,
+    colour: ink(colour),
+    name: "",
+    long: labelLength(parts, behind),
+  }));
+  if (panel.curves.some((place) => curves[place].ghost.some(Boolean)))
+    items.push({
+      parts: { symbol: "ghost", tilde: false, below: "", above: "" },
+      behind: "",
+      colour: ink("#000000"),
+      name: "ghost",
+      long: 5,
+    });
+  return inRows(items, left, right);
+}
+
+/** @param {Selected} layer @param {ReturnType<typeof curveKey>} items @param {number} top */
+function drawCurveKey(layer, items, top) {
   layer
     .selectAll("path")
     .data(items)
     .join("path")
-    .attr("class", ({ look, ghost }) => `curve ${look.name}${ghost ? " ghost" : ""}`)
-    .attr("stroke", ({ look }) => look.colour)
+    .attr("class", ({ name }) => `curve ${name}`)
+    .attr("stroke", ({ colour }) => colour)
     .attr("d", "M0,0H24")
-    .attr("transform", (item) => `translate(${item.at},490)`);
+    .attr("transform", ({ at, row }) => `translate(${at},${top + KEY_ROW * row})`);
   layer
     .selectAll("text")
     .data(items)
     .join("text")
     .attr("class", "label")
-    .attr("x", (item) => item.at + 29)
-    .attr("y", 494)
-    .text(({ name }) => name);
+    .attr("x", ({ at }) => at + 29)
+    .attr("y", ({ row }) => top + 4 + KEY_ROW * row)
+    .each(function ({ parts, behind }) {
+      writeLabel(d3.select(this), parts, behind);
+    });
 }
 
 /** The tables of points of codimension two and of areas. */
 function drawPlaneTables() {
   const panel = page.panels[state.panel];
-  const rows = (panel?.curves ?? []).flatMap((place) =>
-    page.curves[place].points.map((point) => [
-      point.kind,
-      page.curves[place].label,
-      shown(point.parameters[panel.across]),
-      shown(point.parameters[panel.along]),
-      point.changes,
-    ]),
+  const all = (panel?.curves ?? []).flatMap((place) =>
+    page.curves[place].points.map((point) => ({ ...point, on: page.curves[place].label })),
   );
+  // a point of two curves is found on each of them, its place to rounding
+  const found = d3.groups(all, ({ parameters }) =>
+    [panel.across, panel.along].map((name) => parameters[name]?.toPrecision(6)).join(" "),
+  );
+  const once = (/** @type {string[]} */ texts, /** @type {string} */ between) =>
+    [...new Set(texts)].join(between);
+  const rows = found.map(([, own]) => [
+    once(
+      own.map(({ kind }) => kind),
+      ", ",
+    ),
+    once(
+      own.map(({ on }) => on),
+      ", ",
+    ),
+    shown(own[0].parameters[panel.across]),
+    shown(own[0].parameters[panel.along]),
+    once(
+      own.map(({ changes }) => changes),
+      "; ",
+    ),
+  ]);
   const head = ["point", "on", withUnit(panel?.across ?? ""), withUnit(panel?.along ?? ""), "what changes"];
   const areas = panel ? areaRows(panel) : [],
     areaHead = ["area", "stable orbits", "of the rectangle", "doubts"];
@@ -279,7 +393,7 @@ function openMember(member) {
     member,
     xlim: null,
     ylim: null,
-    at: kept ? state.at : "",
+    at: kept ? state.at : opening(member),
   });
 }
 
@@ -322,7 +436,7 @@ function planeText(px, py) {
   const area = areaAt(panel, planeDrawn.x.invert(px), planeDrawn.y.invert(py));
   if (area) lines.push(`${area.id}: ${area.says}`);
   if (member) lines.push(`click: the diagram at ${symbol(panel.across)} = ${ofPi(member.value)}`);
-  return { found, text: lines.join("\n") };
+  return { found, text: lines.join(" \u00b7 ") };
 }
 
 plane
@@ -339,9 +453,9 @@ plane
       .attr("r", 6)
       .attr("cx", (spot) => spot.x)
       .attr("cy", (spot) => spot.y);
-    showHover("plane-hover", text, found?.x ?? px, found?.y ?? py, box.right);
+    showHover("plane-hover", "plane-help", text);
   })
-  .on("pointerleave", () => showHover("plane-hover", "", 0, 0, 0))
+  .on("pointerleave", () => showHover("plane-hover", "plane-help", ""))
   .on("click", (event) => {
     if (event.defaultPrevented || event.shiftKey) return;
     const member = nearestComputed(d3.pointer(event, plane.node())[0]);

@@ -43,8 +43,8 @@ function hoverText(at) {
     (_, k) => `${page.walls[family.walls[from + k]]} ${shown(family.velocities[from + k], 6)}`,
   );
   const lines = [
-    titleOf(family, entry),
-    placeText(family, row),
+    (entry ? `${entry.label} (${entry.id}) on ` : "") + titleOf(family),
+    valueText(family, row),
     `velocities: ${speeds.join(", ")}${to < family.starts[row + 1] ? ", ..." : ""}`,
   ];
   lines.push(
@@ -55,19 +55,14 @@ function hoverText(at) {
   if (Number.isFinite(family.columns.smallest_gap?.[row]))
     lines.push(`smallest gap: ${shown(family.columns.smallest_gap[row], 6)}`);
   lines.push(stateOf(family, row, entry));
-  return lines.join("\n");
+  return lines.join(" \u00b7 ");
 }
 
-/** Show a text beside a spot. @param {string} id @param {string} text @param {number} x @param {number} y @param {number} width */
-function showHover(id, text, x, y, width) {
-  const box = element(id);
-  box.hidden = !text;
-  box.textContent = text;
-  const left = x > width / 2 ? Math.max(0, x - box.offsetWidth - 14) : x + 14;
-  d3.select(box).style(
-    "transform",
-    `translate(${Math.max(0, Math.min(left, width - box.offsetWidth))}px,${y + 12}px)`,
-  );
+/** Show a text below a picture, instead of the help that stands there. @param {string} id @param {string} help @param {string} text */
+function showHover(id, help, text) {
+  element(id).hidden = !text;
+  element(id).textContent = text;
+  element(help).hidden = Boolean(text);
 }
 
 /** @param {PointerEvent | null} event */
@@ -85,7 +80,7 @@ function pointAt(event) {
     .attr("r", 6)
     .attr("cx", (spot) => spot.x)
     .attr("cy", (spot) => spot.y);
-  showHover("hover", found ? hoverText(found.at) : "", found?.x ?? 0, found?.y ?? 0, box.right);
+  showHover("hover", "keys", found ? hoverText(found.at) : "");
   return found;
 }
 
@@ -108,5 +103,5 @@ diagram
   .on("pointerleave", () => pointAt(null))
   .on("click", (event) => {
     const found = event.defaultPrevented || event.shiftKey ? null : pointAt(event);
-    if (found) choose(found.at);
+    if (found) pick(found.at);
   });

@@ -18,7 +18,7 @@ function atFirst() {
     ylim: null,
     hide: new Set(),
     unphysical: page.shown.unphysical,
-    at: "",
+    at: opening(page.own),
     filter: "",
     ghosts: "all",
     scope: "here",
@@ -26,6 +26,37 @@ function atFirst() {
     panel: 0,
     plane: null,
   };
+}
+
+/**
+ * What is chosen when a diagram opens: an event that ends its longest stable run, else another real event, else an
+ * orbit; of those in sight.
+ * @param {number} member
+ */
+function opening(member) {
+  const [low, high] = page.shown.xlim ?? [-Infinity, Infinity],
+    own = families.filter((family) => family.rows && memberOf(family) === member);
+  const inSight = (/** @type {Family} */ family, /** @type {number} */ row) => {
+    const x = family.columns[page.shown.x]?.[row];
+    return low <= x && x <= high;
+  };
+  const runs = page.reading.stable
+    .filter(({ branch }) => own.some(({ id }) => id === branch))
+    .sort((a, b) => b.high - b.low - (a.high - a.low));
+  const events = [
+    ...runs.flatMap(({ bounds }) => bounds.map((id) => entryById.get(id ?? ""))),
+    ...page.entries,
+  ];
+  const event = events.find((entry) => {
+    const family = own.find(({ id }) => id === entry?.branch);
+    return entry && !entry.ghost && family && inSight(family, entry.row);
+  });
+  if (event) return event.id;
+  for (const family of [...own.filter(({ word }) => word), ...own]) {
+    const rows = d3.range(family.rows).filter((row) => inSight(family, row));
+    if (rows.length) return `${family.id}:${rows[Math.floor(rows.length / 2)]}`;
+  }
+  return "";
 }
 
 const state = atFirst();
@@ -92,16 +123,18 @@ function cited() {
     const value = Number(parts.get(name) ?? first);
     return Number.isInteger(value) && value >= 0 && value < below ? value : first;
   };
+  const member = whole("member", page.members.length, found.member),
+    at = parts.get("at");
   return {
     view: one("view", page.curves.length ? ["diagram", "plane"] : ["diagram"], "diagram"),
-    member: whole("member", page.members.length, found.member),
+    member,
     x: one("x", page.varying, found.x),
     y: one("y", ["velocity", "multiplier", "gap"], "velocity"),
     xlim: numbersIn(parts.get("xlim"), 2),
     ylim: numbersIn(parts.get("ylim"), 2),
     hide: new Set((parts.get("hide") ?? "").split(",").filter(Boolean)),
     unphysical: one("unphysical", ["none", "period-1", "all"], found.unphysical),
-    at: chosenIn(parts.get("at") ?? ""),
+    at: at === "" ? "" : chosenIn(at ?? "") || opening(member),
     filter: parts.get("filter") ?? "",
     ghosts: one("ghosts", ["all", "real", "ghost"], "all"),
     scope: one("scope", ["here", "all"], "here"),
@@ -164,6 +197,15 @@ function choose(at) {
       ? { at, view: "diagram" }
       : { at, member, view: "diagram", xlim: null, ylim: null },
   );
+}
+
+/**
+ * Choose an orbit, and bring it into sight where it stands elsewhere on a narrow screen.
+ * @param {string} at
+ */
+function pick(at) {
+  choose(at);
+  if (matchMedia("(max-width: 60rem)").matches) element("orbit").scrollIntoView({ behavior: "smooth" });
 }
 
 /** The choice of a row: the event that stands on it, if one does. @param {Family} family @param {number} row */
