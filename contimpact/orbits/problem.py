@@ -27,7 +27,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,6 +40,7 @@ from ..models.word import Word
 from ..segments.arithmetic import ARRAYS, evaluate_in
 from ..segments.bounded import UNIT, BoundedNumber, bounds_of, bounds_of_kernel
 from ..segments.flight import FlightGaps
+from ..segments.integration import integrated_track
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION, CombinedBlocks, Setup
 from ..segments.segment import ELSEWHERE, MEETING
@@ -76,7 +77,7 @@ def path_of(here: Linearisation, points: int = 200) -> Path:
     parts: list[tuple[Any, ...]] = []
     for wall, row, end in zip(problem.word.walls, rows, ends, strict=True):
         dt = np.linspace(0.0, end - row[0], points)
-        if (states := _motion_in_pieces(here, len(parts), dt)) is not None:
+        if (states := _integrated(here, len(parts), dt)) is not None:
             guard = next(g for g in problem.model.WALLS if g.name == wall)
             factors = np.array(guard.row(problem.model.DEGREES_OF_FREEDOM), dtype=float)
             x, v = (part @ factors for part in states)
@@ -104,14 +105,14 @@ def motion_of(here: Linearisation, points: int = 200) -> Path:
     if not rows:
         dt = np.linspace(0.0, here.span, points)
         state, wall = here.unknowns[: problem.m].tolist(), problem.model.WALLS[0].name
-        if (states := _motion_in_pieces(here, 0, dt)) is not None:
+        if (states := _integrated(here, 0, dt)) is not None:
             return Path(dt, *states)
         return Path(dt, *_motion_by_segment(here, SECTION, wall, state, 0.0, dt))
     walls = problem.word.walls
     parts = []
     for k, (wall, row) in enumerate(zip(walls, rows, strict=True)):
         dt = np.linspace(0.0, np.subtract(*problem.times_around(here.unknowns, k)[::-1]), points)
-        if (states := _motion_in_pieces(here, k, dt)) is not None:
+        if (states := _integrated(here, k, dt)) is not None:
             x, v = states
         elif problem.kernels.linear(wall):
             x, v = _motion_on_track(here, wall, row, dt)
@@ -121,24 +122,21 @@ def motion_of(here: Linearisation, points: int = 200) -> Path:
     return Path(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-def _motion_in_pieces(here: Linearisation, flight: int, dt: Array) -> tuple[Array, Array] | None:
-    """Positions and velocities of all coordinates along a flight that is computed in pieces."""
+def _integrated(here: Linearisation, flight: int, dt: Array) -> tuple[Array, Array] | None:
+    """Positions and velocities of all coordinates along a flight that is integrated, if its mode
+    has them all."""
     problem, z = here.problem, here.unknowns
     left, leave = problem.leaving(z, flight)
-    if not problem.kernels.integrated(left):
+    if not problem.kernels.integrated(left) or not dt[-1] > 0.0:
         return None
     rows = [*problem.impacts(z).tolist(), z[: problem.m].tolist()]
     arrive = rows[flight + 1] if len(rows) > 1 else rows[0]
     if flight + 2 == len(rows):
         arrive[0] += here.span
-    segment: Any = problem.segments[flight]
-    track = segment.long_track(leave, arrive, problem.values(here.unknowns))
-    if track is None:
-        return None
-    size = problem.model.DEGREES_OF_FREEDOM
-    curves = [track.along(row) for row in np.eye(size).tolist()]
-    found = np.array([[curve((), t, ())[:2] for curve in curves] for t in dt.tolist()])
-    return found[:, :, 0], found[:, :, 1]
+    values, segment = problem.values(z), cast(Any, problem.segments[flight])
+    track = segment.long_track(leave, arrive, values)
+    track = track or integrated_track(problem.kernels, left, leave, values, float(dt[-1]))
+    return track.at(dt) if len(track.start) == problem.model.DEGREES_OF_FREEDOM else None
 
 
 def _motion_on_track(
@@ -476,6 +474,9 @@ def rounding_of_setup(problem: OrbitProblem, unknowns: Array) -> Setup:
     return bounds_of_kernel(problem.kernels.setup, problem.values(unknowns))[1]
 
 
+INSTANTS = 8
+"""Parts of a flight at whose ends the largest speed on it is sought."""
+
 VANISHING = 1e-9
 """A section coordinate that is below this part of its largest along the flights at all impacts
 vanishes there: it is rounding."""
@@ -783,9 +784,11 @@ class OrbitProblem:
         impacts = self.impacts(unknowns)
         period = self.period(unknowns)
         sizes = np.max(np.abs(impacts[:, 1:]), axis=0)
-        sizes[0] = max(sizes[0], self._largest_speed(unknowns))
-        if self.m > 2:
-            along = self._largest_along(unknowns)
+        if self.m == 2 and not all(map(self.kernels.integrated, self.word.walls)):
+            sizes[0] = max(sizes[0], self._largest_speed(unknowns))
+        else:
+            speed, along = self._largest_along(unknowns)
+            sizes[0] = max(sizes[0], speed)
             sizes[1:] = np.where(sizes[1:] > VANISHING * along, sizes[1:], along)
         wave = period / self._mean_order(unknowns)
         one = np.concatenate([[wave], np.where(sizes > 0, sizes, 1.0)])
@@ -806,29 +809,29 @@ class OrbitProblem:
         return float(np.sqrt(orders**2 @ weights / total)) if total > 0.0 else 1.0
 
     def _largest_speed(self, unknowns: Array) -> float:
-        """The largest speed at eight instants of each flight."""
+        """The largest speed at instants of each flight."""
         p = self.values(unknowns)
         rows = self.impacts(unknowns).tolist()
         rows.append([rows[0][0] + self.span(unknowns), *rows[0][1:]])
-        flown = zip(self.segments, pairwise(rows), strict=True)
-        if self.m > 2:  # together: a call takes longer than an instant
-            speeds = [s.speeds(row, (later[0] - row[0]) / 8.0, 7, p) for s, (row, later) in flown]
-            return float(np.max(np.abs(speeds)))
         fastest = 0.0
-        for segment, (row, later) in flown:
+        for segment, (row, later) in zip(self.segments, pairwise(rows), strict=True):
             track, length = segment.track, later[0] - row[0]
-            for part in range(1, 8):
-                speed = abs(track(row, part * length / 8.0, p)[1])
+            for part in range(1, INSTANTS):
+                speed = abs(track(row, part * length / INSTANTS, p)[1])
                 fastest = max(fastest, speed)
         return fastest
 
-    def _largest_along(self, unknowns: Array) -> Array:
-        """The largest of each section coordinate but the first, at instants of each flight."""
-        motion = motion_of(Linearisation(self, unknowns), 9)
+    def _largest_along(self, unknowns: Array) -> tuple[float, Array]:
+        """The largest speed at instants of each flight, of the coordinate of the guard it leaves,
+        and the largest of each section coordinate but the first."""
+        motion = motion_of(Linearisation(self, unknowns), INSTANTS + 1)
         size = self.model.DEGREES_OF_FREEDOM
+        rows = [self.model.guard(letter).row(size) for letter in self.word.walls]
+        inside = motion.v.reshape(len(rows), INSTANTS + 1, size)[:, 1:-1]
+        fastest = float(np.max(np.abs(np.einsum("kij,kj->ki", inside, np.array(rows, float)))))
         largest = np.max(np.abs([motion.x, motion.v]), axis=1).T
-        pivots = {pivot(self.model.guard(letter).row(size)) for letter in self.word.walls}
-        return np.max([np.delete(largest, place, axis=0).ravel() for place in pivots], axis=0)
+        parts = [np.delete(largest, place, axis=0).ravel() for place in {*map(pivot, rows)}]
+        return fastest, np.max(parts, axis=0)
 
     def difference(self, one: Array, other: Array) -> Array:
         """Return one - other as orbits: zero up to whole periods and rotations of the word."""

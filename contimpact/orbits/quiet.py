@@ -36,7 +36,7 @@ from ..segments.kernels import Kernels
 from ..segments.layout import SECTION
 from ..segments.oscillation import Excursion, Moved, excursions
 from ..segments.segment import Segment
-from .problem import CyclicBlocks, Linearisation, OrbitProblem
+from .problem import INSTANTS, CyclicBlocks, Linearisation, OrbitProblem
 
 # Whether motions depend on the time: where periods are free they must not.
 
@@ -372,7 +372,12 @@ class QuietProblem(OrbitProblem):
         values, state = self.values(unknowns), self.state(unknowns)
         length = self.span(unknowns)
         track = self.kernels.since(self.model.WALLS[0].name)
-        return max(abs(track(*state, part * length / 8.0, *values)[1]) for part in range(8))
+        if self.kernels.integrated(SECTION):  # once, for all instants
+            times = length / INSTANTS * np.arange(INSTANTS)
+            return float(np.max(np.abs(evaluate_in(track, ARRAYS)(*state, times, *values)[1])))
+        return max(
+            abs(track(*state, part * length / INSTANTS, *values)[1]) for part in range(INSTANTS)
+        )
 
     def difference(self, one: Array, other: Array) -> Array:
         """Return one - other as orbits."""

@@ -463,6 +463,19 @@ class IntegratedTrack:
         track.start, track.times, track.moved, track.speeds = start, times, moved, speeds
         return track
 
+    def at(self, times: Array) -> tuple[Array, Array]:
+        """Return positions and velocities at times after it leaves, a row for each time."""
+        moved, speeds = self.moved_at(times)
+        return np.array(self.start) + moved, speeds
+
+    def moved_at(self, times: Array) -> tuple[Array, Array]:
+        """Return the ways from the start, and the velocities, at times after it leaves."""
+        steps = np.diff(self.times)
+        places = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(steps) - 1)
+        part = (times - self.times[places]) / steps[places]
+        moved, speeds = (_values(e[places], part) for e in (self.moved, self.speeds))
+        return moved, speeds
+
     def along(self, row: Sequence[float], from_start: bool = False) -> IntegratedCurve:
         """Return a linear combination of the positions, or how far it is from where it starts.
 
@@ -480,6 +493,15 @@ def integrated_track(
 ) -> IntegratedTrack:
     """Return the track of a flight that is integrated, from the unknowns where it leaves."""
     field, numbers = kernels.field(wall)(*leave, *values)
+    return _track(field, tuple(numbers), length)
+
+
+KEPT = 64
+"""Flights that are kept: gaps, sizes and stability of an orbit ask for the same ones."""
+
+
+@functools.lru_cache(KEPT)
+def _track(field: str, numbers: tuple[float, ...], length: float) -> IntegratedTrack:
     return IntegratedTrack(field, numbers, length)
 
 
@@ -594,21 +616,18 @@ def velocities_at(field: str, numbers: Sequence[float], times: Array) -> Array:
         track = IntegratedTrack(field, [float(x) for x in numbers], longest)
     except ArithmeticError:
         return np.full((2 * freedom, len(times)), np.nan)
-    steps = np.diff(track.times)
-    places = np.clip(np.searchsorted(track.times, times, side="right") - 1, 0, len(steps) - 1)
-    part = (times - track.times[places]) / steps[places]
-    moved, speeds = (_values(e[places], part) for e in (track.moved, track.speeds))
+    moved, speeds = (column.T for column in track.moved_at(times))
     short = times == 0.0
     means = np.where(short, np.array(begun)[:, None], moved / np.where(short, 1.0, times))
     return np.concatenate([means, speeds])
 
 
 def _values(terms: Array, part: Array) -> Array:
-    """Polynomials of shape (n, freedom, degree + 1) at parts of their steps, shape (freedom, n)."""
+    """Polynomials of shape (n, freedom, degree + 1) at parts of their steps, shape (n, freedom)."""
     total = np.zeros(terms.shape[:2])
     for k in range(terms.shape[2] - 1, -1, -1):
         total = total * part[:, None] + terms[:, :, k]
-    return total.T
+    return total
 
 
 TRIALS_APART = 0.7
@@ -619,7 +638,7 @@ MANY = 64
 decides, so that results do not depend on what a process has done before."""
 
 
-def flown(field: str, directions: str, *numbers: float) -> list[float]:
+def flown(field: str, directions: str, *numbers: float) -> Sequence[float]:
     """Return mean and end velocities of a flight, and their derivatives.
 
     Parameters
@@ -633,10 +652,15 @@ def flown(field: str, directions: str, *numbers: float) -> list[float]:
 
     Returns
     -------
-    list of float
+    sequence of float
         Mean velocities, then end velocities; the same of the derivatives by each direction.
     """
-    return integrator(field, tuple(directions.split()))(numbers)
+    return _flown(field, directions, numbers)
+
+
+@functools.lru_cache(KEPT)
+def _flown(field: str, directions: str, numbers: tuple[float, ...]) -> Sequence[float]:
+    return tuple(integrator(field, tuple(directions.split()))(numbers))
 
 
 def flown_of_series(field: str, directions: str, rows: Sequence[Sequence[Any]]) -> list[Any]:

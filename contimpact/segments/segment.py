@@ -15,15 +15,12 @@ import functools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
-import numpy as np
-
 from ..arrays import Array, Number
 from ..errors import InputError
 from ..models.guards import Guard
 from ..models.model import Model
-from .arithmetic import ARRAYS, Arithmetic, Kernel, evaluate_in
+from .arithmetic import Arithmetic, Kernel, evaluate_in
 from .layout import SECTION, Blocks, Row, Setup
-from .track import velocities
 
 # What meets a flight: the guards that can end it, and how it leaves and reaches their surfaces.
 
@@ -238,10 +235,6 @@ class Segment(Protocol):
         """
         ...
 
-    def speeds(self, start: Numbers, step: float, count: int, values: Numbers) -> Array:
-        """Return the velocity of the gap coordinate at so many equal steps after leaving."""
-        ...
-
 
 class Source(Protocol):
     """Where an orbit problem has its segments from.
@@ -301,17 +294,6 @@ class ClosedForm:
     def track(self, start: Numbers, dt: Number, values: Numbers) -> tuple[Number, Number, Number]:
         """Return displacement, velocity and acceleration of the gap coordinate."""
         return self._motion(*start, dt, *values)
-
-    def speeds(self, start: Numbers, step: float, count: int, values: Numbers) -> Array:
-        """Return the velocity of the gap coordinate at so many equal steps after leaving."""
-        kernels, left = self._kernels, self._walls[0]
-        if left != SECTION and kernels.linear(left):
-            guard = kernels.model.guard(left)
-            found = velocities(kernels.law(left)(*start, *values), step, count)
-            return found @ np.array(guard.row(kernels.model.DEGREES_OF_FREEDOM), dtype=float)
-        times = step * np.arange(1.0, count + 1.0)
-        motion = evaluate_in(self._motion, ARRAYS)
-        return np.broadcast_to(motion(*start, times, *values)[1], times.shape)
 
     @functools.cached_property
     def _motion(self) -> Kernel:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array, Vector
-from .linear_flow import Shape, generator_of, mean_rates, norm_in_units, scales_of, series_of_floats
+from .linear_flow import Shape, generator_of, mean_rates, norm_in_units, series_of_floats
 
 # Zeros of polynomials in pieces, each isolated by the signs of Bernstein coefficients.
 #
@@ -185,30 +185,6 @@ def track_of(law: Any, length: float) -> Track:
     """Return the track of a flight from what the kernel ``law`` says where it starts."""
     d, h, numbers, state = law
     return Track(Pieces(Shape(int(d), int(h), 0), numbers, length), state)
-
-
-def velocities(law: Any, step: float, count: int) -> Array:
-    """Return the velocities of all coordinates at equal instants of a linear flight.
-
-    Parameters
-    ----------
-    law : tuple
-        What the kernel ``law`` says where the flight starts.
-    step : float
-        Between the instants.
-    count : int
-        Of the instants after the start.
-    """
-    d, h, numbers, state = law
-    shape = Shape(int(d), int(h), 0)
-    generator = generator_of(shape, numbers)
-    scales = scales_of(shape, generator)
-    mean, _ = mean_rates(generator * (scales / scales[:, None]), step, series_of_floats)
-    x, found = np.array(state) / scales, []
-    for _ in range(count):
-        x = x + step * (mean @ x)
-        found.append(x)
-    return (np.array(found) * scales)[:, shape.freedom : 2 * shape.freedom]
 
 
 class Curve:
