@@ -380,7 +380,7 @@ class _Search:
             if not test.guides:
                 continue
             guides = slice(last - test.guides, last)
-            turns = (found[guides] == DIPS) | passed[guides]
+            turns = stretch.vanishing(guides)
             found[guides] = np.where(turns & test.guided(left, right), GUIDED, 0)
         aimed = passed & (found == GUIDED)
         places[aimed] = np.clip(b[aimed] / (b[aimed] - c[aimed]), OFF_THE_ENDS, 1.0 - OFF_THE_ENDS)

@@ -34,6 +34,9 @@ OFF_THE_ENDS = 0.1
 """An arc is not cut nearer to its ends than this part of it."""
 
 
+JUMPS = 8.0
+"""How many times faster than on either side a value changes where it jumps."""
+
 THRICE, DIPS, ENDS = 1, 2, 3
 """Findings of `suspect_values`: a value that changes sign and may do so thrice, one that may do so
 twice, and one that may do so where it begins or ends."""
@@ -77,6 +80,25 @@ class Stretch:
         beyond = np.nan if after is None else after.arclength - right.arclength
         ahead = right.arclength - left.arclength
         return suspect_values(a, left.flat, right.flat, d, behind, ahead, beyond)
+
+    def vanishing(self, places: slice) -> Array:
+        """Return which of some values may vanish unseen whose sign says nothing: it changes where
+        another one of several becomes the smallest.
+
+        Where a value jumps, which it does far faster than on either side, it does not vanish, and
+        what lies beyond says nothing.
+        """
+        four = [self.before, self.left, self.right, self.after]
+        none = np.full(len(self.left.flat[places]), np.nan)
+        a, b, c, d = (none if end is None else np.abs(end.flat[places]) for end in four)
+        at = np.array([np.nan if end is None else end.arclength for end in four])
+        behind, ahead, beyond = np.diff(at)
+        rates = np.abs(np.diff([a, b, c, d], axis=0)) / np.diff(at)[:, None]
+        a = np.where(rates[0] > JUMPS * np.fmax(rates[1], rates[2]), np.nan, a)
+        d = np.where(rates[2] > JUMPS * np.fmax(rates[0], rates[1]), np.nan, d)
+        passed = crosses(self.left.flat[places], self.right.flat[places])
+        passed &= ~(b + c > JUMPS * ahead * np.fmax(rates[0], rates[2]))
+        return passed | (suspect_values(a, b, c, d, behind, ahead, beyond)[0] == DIPS)
 
     def one_sided(self) -> tuple[Stretch, Stretch]:
         """Return the stretch without the point after it, and without the one before."""

@@ -502,3 +502,29 @@ def test_a_dip_between_two_parabolas_that_agree_is_suspected():
     found, places = suspect_values(before, left, right, after, 0.0080, 0.0157, 0.0220)
     assert found.tolist() == [DIPS]
     assert 0.5 < places[0] < 0.9
+
+
+def velocities(*values: tuple[float, float]) -> list[Sample]:
+    """Velocities at an arc's ends and beside it, by their arclengths."""
+    return [Sample(at, [np.array([value])]) for at, value in values]
+
+
+@pytest.mark.parametrize(
+    ("values", "vanishes"),
+    [
+        ((0.3003, 0.1, -0.1, -0.3), True),  # it passes zero
+        ((0.4, 0.05, 0.05, 0.4), True),  # it may do so twice
+        ((-0.4, 0.05, 0.05, -0.4), True),  # the same one, or two of opposite sign
+        ((0.30003, 0.30001, -0.30001, -0.30003), False),  # another one has become the smallest
+        ((-0.30003, 0.30001, -0.30001, 0.30003), False),
+        ((-0.0010, -0.0013, 0.3, 0.30001), True),  # so small before it jumps that it may
+        ((-0.1010, -0.1013, 0.3, 0.30001), False),
+        ((-0.0010, -0.0011, -0.0012, 0.3), False),  # a jump beyond says nothing of what is here
+    ],
+)
+def test_a_smallest_value_vanishes_if_its_size_does(values, vanishes):
+    """Of several velocities the one nearest to zero changes sign without vanishing where it is
+    another one's turn."""
+    before, left, right, after = velocities(*enumerate(values))
+    found = Stretch(left, right, before, after).vanishing(slice(0, 1))
+    assert found.tolist() == [vanishes]
