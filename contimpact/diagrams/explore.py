@@ -24,7 +24,7 @@ from ..bifurcations.registry import kind_of, switch, test_functions
 from ..continuation.branch import Event, Point, TestFunction
 from ..continuation.ends import End, EndKind
 from ..continuation.settings import Settings
-from ..errors import InputError
+from ..errors import InputError, short_repr
 from ..models.word import Word
 from ..orbits.orbit import Orbit
 from ..orbits.problem import Linearisation, OrbitProblem
@@ -143,6 +143,9 @@ def follow(scene: Scene | str | Path | Mapping[str, Any], progress: Asked = None
         scene = load_scene(scene)
     elif isinstance(scene, Mapping):
         scene = read_scene(scene)
+    elif not isinstance(scene, Scene):
+        accepted = "give a scene, or the path of one; orbits are followed by continue_orbit"
+        raise InputError("scene", f"found {short_repr(scene)}", accepted)
     with progress_lines(progress, scene.name) as tell:
         explorer = _Explorer(scene, tell)
         diagram = explorer.run()
@@ -257,7 +260,7 @@ class _Explorer:
         self.progress(f"looking for {self.place(word, value)}")
         found = find(self.scene, self.kernels, word, value)
         self.seconds["search"] += time.perf_counter() - began
-        orbits = [o for o in found.orbits if o.physical or self.scene.unphysical]
+        orbits = [o for o in found.orbits if o.physical or self.throughout(word)]
         for _ in range(len(found.orbits) - len(orbits)):
             self.left_out[word] += 1
             self.leave_out("orbits not followed", self.place(word, value))
@@ -297,7 +300,7 @@ class _Explorer:
         began = time.perf_counter()
         stop = symmetric_end(orbit.problem, self.known)
         about = orbit.problem, orbit.unknowns, scene.range, tests, settings
-        run = walk_both_ways(*about, report, stop, scene.unphysical)
+        run = walk_both_ways(*about, report, stop, self.throughout(orbit.problem.word))
         self.keep(run, name, None, 0, began)
 
     def survey(self) -> None:
@@ -372,7 +375,7 @@ class _Explorer:
         stop, report = symmetric_end(problem, self.known), self.reporter(problem, name)
         scene = self.scene
         about = start, born, scene.range, tests, settings, name
-        return run_born(*about, stop, report, scene.unphysical)
+        return run_born(*about, stop, report, self.throughout(problem.word))
 
     def run_known(self, run: Run) -> str | None:
         """The known branch a walk went along, where its first step was too short to tell."""
@@ -485,6 +488,11 @@ class _Explorer:
             self.waiting.append(Birth(event, entry, depth + deeper))
         elif deeper and asked:
             self.limits.reached("follow.depth", self.scene.depth, NOT_SWITCHED, _entry_text(entry))
+
+    def throughout(self, word: Word) -> bool:
+        """Whether orbits are followed where they are unphysical: those without impacts always, as
+        they have one branch of which every picture shows the physical part."""
+        return self.scene.unphysical or not word.walls
 
     def leave_out(self, what: str, name: str) -> None:
         """Record what is not followed since it is unphysical."""

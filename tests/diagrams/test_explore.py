@@ -24,7 +24,7 @@ from contimpact import (
 from contimpact.diagrams import starting_orbits
 from contimpact.orbits.search import Search
 from contimpact.results.diagram import Diagram
-from contimpact.results.diagram_reading import read
+from contimpact.results.diagram_reading import read, stable_intervals
 
 FIG7 = ROOT / "branches" / "fig7" / "scene.toml"
 SMALL = {
@@ -103,25 +103,38 @@ def test_without_unphysical_orbits_every_stable_range_is_found():
     assert "passes wall" in ends[0].message
 
 
-def quiet(**follow_keys):
-    """The oscillator's motion without impacts, which grazes where its amplitude is the gap."""
+def one_stop(**follow_keys):
+    """The oscillator whose motion without impacts grazes where its amplitude is the gap."""
     keys = {"parameter": "a", "range": [0.1, 0.6], "orbits": ["0"], "unphysical": False}
     values = {"a": 0.5, "omega": 1.5, "c": 0.1, "k": 1.0, "sigma": 0.25, "r": 0.7}
     model = {"system": "oscillator", "parameters": values}
-    return follow(read_scene({"name": "quiet", "model": model, "follow": keys | follow_keys}))
+    return follow(read_scene({"name": "stop", "model": model, "follow": keys | follow_keys}))
+
+
+def test_the_motion_without_impacts_is_followed_throughout():
+    (branch,) = one_stop().branches
+    grazing = 0.25 * math.hypot(1.0 - 1.5**2, 0.1 * 1.5)
+    assert (branch["a"].min(), branch["a"].max()) == (0.1, 0.6)
+    (stable,) = stable_intervals(branch)
+    assert (stable.low, stable.high) == (0.1, pytest.approx(grazing, rel=1e-12))
+
+
+def unphysical_at_start(limits):
+    """2:1 orbits at s = 0.24, below the grazing up to which they are physical."""
+    model = SMALL["model"] | {"parameters": SMALL["model"]["parameters"] | {"s": 0.24}}
+    keys = {"parameter": "s", "range": limits, "orbits": ["2:1"], "unphysical": False}
+    asked = {"model": model, "follow": keys, "detect": {"events": ["FB", "G"]}}
+    return follow(read_scene({**SMALL, **asked}))
 
 
 def test_a_word_with_unphysical_orbits_at_the_start_is_looked_for_elsewhere():
-    found = quiet()
-    grazing = 0.25 * math.hypot(1.0 - 1.5**2, 0.1 * 1.5)
-    (branch,) = found.branches
-    assert float(branch["a"].min()) == 0.1
+    found = unphysical_at_start([0.2, 0.4])
     (stable,) = read(found).stable
-    assert (stable.low, stable.high) == (0.1, pytest.approx(grazing, rel=1e-12))
-    (note,) = (note for note in found.statistics["notes"] if note.startswith("no physical 0 orbit"))
+    assert (stable.low, stable.high) == pytest.approx((0.27903478127845, 0.35689527700013))
+    (note,) = (n for n in found.statistics["notes"] if n.startswith("no physical BBT orbit"))
     assert note.endswith("(followed from there)")
-    with pytest.raises(InputError, match=r"follow unphysical ones \(1\) by follow.unphysical"):
-        quiet(range=[0.4, 0.6])
+    with pytest.raises(InputError, match=r"follow unphysical ones \(2\) by follow.unphysical"):
+        unphysical_at_start([0.2, 0.26])
 
 
 def test_an_unphysical_orbit_that_is_given_is_followed():
