@@ -163,7 +163,11 @@ if not TYPE_CHECKING:  # where types are read, a name that is not above is a mis
 
     def __getattr__(name: str) -> Any:
         if name not in _PLACES:
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+            from .errors import GUESSED, did_you_mean
+
+            other = GUESSED.get(name)
+            hint = f"; there is {other!r}" if other else did_you_mean(name, _PLACES)
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}{hint}")
         try:
             return getattr(importlib.import_module(f"{__name__}.{_PLACES[name]}"), name)
         except ModuleNotFoundError as error:

@@ -10,9 +10,9 @@ from __future__ import annotations
 import html
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from .errors import InputError, printable
+from .errors import InputError, missing, printable
 
 LINES = 10
 """Largest number of lines in a text that shows a result."""
@@ -39,9 +39,14 @@ class NotebookResult:
         """Return what the result is in short: a title, a table, and remarks."""
         raise NotImplementedError
 
-    def plot(self, **options: Any) -> Any:
+    def plot(self, *x: Any, **options: Any) -> Any:
         """Draw the result; see `contimpact.plot`."""
-        return plot(self, **options)
+        return plot(self, *x, **options)
+
+    if not TYPE_CHECKING:  # where types are read, an attribute that is not there is a mistake
+
+        def __getattr__(self, name: str) -> Any:
+            raise missing(self, name)
 
     def _repr_html_(self) -> str:
         return table_of(self.summary())
@@ -83,12 +88,14 @@ def _cell(value: Any) -> str:
     return html.escape(printable(text))
 
 
-def plot(result: Any, **options: Any) -> Any:
+def plot(result: Any, *x: Any, **options: Any) -> Any:
     """Draw a result.
 
     Parameters
     ----------
     result : Branch, Orbit, Diagram, Curve, Entry, Sweep or Study
+    *x
+        Of branches and diagrams the column on the x axis; of a study the quantity.
     **options
         Of the function that draws it: `plot_diagram` for branches and diagrams, `plot_orbit` for
         orbits and events, `plot_curves`, `plot_sweep`; for a study, `quantity` and the options of
@@ -107,7 +114,7 @@ def plot(result: Any, **options: Any) -> Any:
     from . import load_painters
 
     load_painters()
-    return PAINTERS[-1](result, **options)
+    return PAINTERS[-1](result, *x, **options)
 
 
 def picture_of(result: Any) -> str:

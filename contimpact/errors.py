@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -84,6 +85,58 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
     near = difflib.get_close_matches(name[:100], [k[:100] for k in known], 1)
     return f" (did you mean {near[0]!r}?)" if near else ""
+
+
+GUESSED = {
+    "run": "follow",
+    "follow": "continue_orbit",
+    "continue_": "continue_orbit",
+    "continue_branch": "continue_orbit",
+    "with_": "replace",
+    "walls": "letters",
+    "df": "to_dataframe",
+    "attractors": "rows",
+    "start": "ends",
+    "end": "ends",
+    "stable": "reading",
+    "simulate": "sweep",
+    "basins": "cover",
+    "switch": "continue_born",
+    "find": "find_orbits",
+    "to_csv": "save",
+    "set": "replace",
+    "copy": "replace",
+    "System": "Model",
+}
+"""What is called otherwise here."""
+
+
+def missing(one: Any, name: str) -> AttributeError:
+    """Return the error for an attribute that something does not have, with what gives it instead:
+    an item, a function of the package, or what is spelled alike."""
+    public = sys.modules[__package__].__all__
+    kind, other = type(one).__name__, GUESSED.get(name, name)
+    own = getattr(type(one), "__dataclass_fields__", {})
+    if name.startswith("_") or name in own:  # as while it is unpickled
+        return AttributeError(f"{kind!r} object has no attribute {name!r}")
+    if hasattr(type(one), other):
+        hint = f"; there is {other!r}"
+    elif _has(one, name):
+        hint = f"; it is the item [{name!r}]"
+    elif other in public:
+        hint = f"; call contimpact.{other}({kind.lower()}, ...)"
+    else:
+        hint = did_you_mean(name, (known for known in dir(type(one)) if known[0] != "_"))
+    return AttributeError(f"{kind!r} object has no attribute {name!r}{hint}", name=name, obj=None)
+
+
+def _has(one: Any, name: str) -> bool:
+    """Whether something has an item of a name."""
+    try:
+        one[name]
+    except (LookupError, TypeError, ValueError):
+        return False
+    return True
 
 
 def printable(text: str) -> str:

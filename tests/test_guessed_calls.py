@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import math
+import pickle
+import re
 
 import numpy as np
 import pytest
@@ -107,3 +110,92 @@ def test_results_are_plotted_by_their_method(branch):
     assert np.ptp(ci.plot(branch.orbit(0), periods=5)[1].get_xlim()) > 4.0
     with pytest.raises(InputError, match="found a list"):
         ci.plot([])
+
+
+# A hundred calls as users have guessed them without documentation, and what they get.
+
+WORKS = """
+m["s"]; m["d"]; m.parameters; m.values; m.letters; m.replace(s=0.4)
+ci.TwoMasses; ci.HybridSystem; ci.list_systems(); ci.new_scene("two-masses"); ci.Branch
+ci.find_orbits(m, "1:1"); ci.find_orbits(m, "BT", "s"); ci.find_orbits(m, "1:1", parameter="s")
+ci.continue_orbit(o, "s", (0.45, 0.55)); ci.continue_orbit(o, "s", [0.45, 0.55])
+ci.continue_orbit(o, "s", (0.45, 0.55), settings={"max_step": 0.1})
+ci.continue_orbit(o, "r", (0.29, 0.31)); ci.continue_born(pd, range=(0.3, 0.6))
+ci.continue_born(pd, "s", (0.3, 0.6)); ci.follow_curve(pd, "r", (0.3, 0.6), (0.29, 0.31))
+b["s"]; b["d"]; b["v1"]; b[3:5]; b.orbit(0); b.orbit(-1); b.orbit("PD"); b.orbit("e1"); b.orbit(e)
+b.events[0]; b.name; b.id; b.word; b.plot(); b.plot(x="d"); b.plot("d"); b.to_dataframe(); len(b)
+b.summary(); b.stable; b.multipliers; b.parameter; b.ends; ci.stable_intervals(b)
+ci.stable_intervals(d); e.value; e["s"]; e.parameters["s"]; e.orbit(); e.label; e.kind; e.error
+d["PD"]; d["PD1"]; d["b1"]; d["e1"]; d[0]; d[:3]; d.branches; d.events; d.plot(); list(d)
+ci.plot(d); ci.plot(b, "d"); ci.plot_diagram(d, "d"); ci.plot_diagram(b); ci.plot_orbit(e)
+ci.plot_orbit(o); d.reading; d.summary(); d.to_dataframe(); o.plot(); e.plot()
+o.times; o.velocities; o.stable; o.word; o["s"]; o.parameters["s"]; o.period; o.path()
+ci.energy(o); o.to_dataframe(); c.plot(); c["r"]; c[2:4]; c.name; c.points; ci.plot_curves([c])
+b._ipython_key_completions_(); pickle.loads(pickle.dumps(d)) == d; copy.deepcopy(b) == b
+d._repr_html_(); repr(b)
+"""
+ANSWERED = {
+    "m.s": "it is the item ['s']",
+    "m.d": "it is the item ['d']",
+    "m.copy(s=0.4)": "there is 'replace'",
+    "m.set(s=0.4)": "there is 'replace'",
+    "m.walls": "there is 'letters'",
+    "m.find_orbits('1:1')": "call contimpact.find_orbits(impactpair, ...)",
+    "ci.ImpactPair(0.5, 0.3, 5.0, 0.5)": "give them by name: beta=..., r=...",
+    "ci.ImpactPair(beta=0.5)": "r: missing",
+    "ci.ImpactPair(beta=30, r=0.3, A=5, s=1)": "math.radians(30)",
+    "ci.System": "there is 'Model'",
+    "ci.find_orbit(m, '1:1')": "did you mean 'find_orbits'?",
+    "ci.find_orbits('1:1', m)": "give a model",
+    "ci.find_orbits(m, '1-1')": "give n:m",
+    "ci.find_orbits(m, '1:1', 'd')": "no parameter 'd'",
+    "ci.continue_orbit(o)": "range: missing; give (low, high)",
+    "ci.continue_orbit([o], 's', (0.3, 0.6))": "not one of its orbits",
+    "ci.continue_orbit(b, 's', (0.3, 0.6))": "give an orbit of find_orbits",
+    "ci.continue_orbit(o, 's', (0.3, 0.6), events=['SN'])": "folds are FB here",
+    "ci.continue_orbit(o, 's', (0.3, 0.6), events=['TR'])": "tori are born at NS here",
+    "ci.continue_branch(o)": "there is 'continue_orbit'",
+    "o.follow('s')": "call contimpact.continue_orbit(orbit, ...)",
+    "ci.follow(m)": "give a scene",
+    "ci.follow('nope.toml')": "no such file",
+    "ci.run('scene.toml')": "there is 'follow'",
+    "ci.simulate(m)": "there is 'sweep'",
+    "ci.basins(m)": "there is 'cover'",
+    "ci.switch(pd)": "there is 'continue_born'",
+    "b[0]": "branch.orbit(0)",
+    "b['PD']": "branch.orbit('e2')",
+    "b['e1']": "branch.orbit('e1')",
+    "b.s": "it is the item ['s']",
+    "b.orbits": "did you mean 'orbit'?",
+    "b.save('b.csv')": "call contimpact.save(branch, ...)",
+    "b.to_csv('b.csv')": "call contimpact.save(branch, ...)",
+    "b.stable_intervals()": "call contimpact.stable_intervals(branch, ...)",
+    "e.s": "it is the item ['s']",
+    "e.switch()": "call contimpact.continue_born(entry, ...)",
+    "d.stable": "there is 'reading'",
+    "d['SN']": "folds are FB here",
+    "o.energy()": "call contimpact.energy(orbit, ...)",
+    "ci.load('nope')": "no such file or folder",
+}
+
+
+@pytest.fixture(scope="module")
+def names(model, branch):
+    """What the guessed calls are about."""
+    doubling = branch.events[1]
+    curve = ci.follow_curve(doubling, None, "r", (0.3, 0.6), (0.29, 0.31))
+    known = {"m": model, "b": branch, "e": branch.events[0], "pd": doubling, "c": curve}
+    known |= {"o": branch.orbit(9), "d": ci.Diagram("one", [branch])}
+    return {"ci": ci, "copy": copy, "pickle": pickle, **known}
+
+
+@pytest.mark.parametrize("call", [text.strip() for text in re.split(r"[;\n]+", WORKS.strip())])
+def test_a_guessed_call_works(names, call):
+    assert eval(call, names) is not None
+
+
+@pytest.mark.parametrize("call", ANSWERED)
+def test_a_guessed_call_is_answered(names, call):
+    with pytest.raises((InputError, KeyError, AttributeError)) as error:
+        eval(call, names)
+    assert ANSWERED[call] in str(error.value)

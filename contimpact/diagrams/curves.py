@@ -285,6 +285,10 @@ def follow_curve(
     InputError
         For a parameter the model does not have, or ranges that do not hold the entry.
     """
+    if isinstance(model, str):  # the second parameter, and no model before it
+        if second:
+            first_range, second_range = second, first_range
+        model, second = None, model
     entry, model = entry_first(entry, model)
     require_curve(entry)
     model = model_of(entry, model)

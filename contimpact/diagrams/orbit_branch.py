@@ -7,6 +7,7 @@ import dataclasses
 import functools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -279,7 +280,7 @@ def continue_orbit(
     *,
     events: Sequence[str | UserEvent] | None = None,
     values: Mapping[str, Sequence[float]] | None = None,
-    settings: Settings | None = None,
+    settings: Settings | Mapping[str, Any] | None = None,
     callback: Callback | None = None,
     name: str = "b1",
     model: Model | None = None,
@@ -303,7 +304,7 @@ def continue_orbit(
         and NS where tori can be born.
     values : mapping of str to sequence of float, optional
         Values of the parameter, or of a derived one, to hit exactly (as UZ).
-    settings : Settings, optional
+    settings : Settings or mapping, optional
     callback : callable, optional
         Called with every accepted point; a true value stops the walk in that direction.
     name : str
@@ -338,7 +339,7 @@ def continue_orbit(
         unknowns = np.append(unknowns[:-1], model.values[parameter])
     limits = check_range(problem, range, float(unknowns[-1]))
     stop, tests = symmetric_end(problem), tests_of_events(problem, events, values)
-    settings = settings or Settings()
+    settings = _numerics(settings)
     if isinstance(given, Entry) and given.tangent is not None and problem is orbit.problem:
         unknowns = _orbit_beside(problem, unknowns, np.array(given.tangent), limits, settings)
     if unphysical is None:
@@ -349,6 +350,10 @@ def continue_orbit(
         tests = add_stop_test(tests, stop)
         run = walk_both_ways(problem, unknowns, limits, tests, settings, told, stop, unphysical)
     return retry_interrupted(lambda: run.branch(name, kinds=[test.kind for test in tests]))
+
+
+def _numerics(given: Settings | Mapping[str, Any] | None) -> Settings:
+    return given if isinstance(given, Settings) else Settings(**(given or {}))
 
 
 @contextlib.contextmanager
@@ -615,7 +620,7 @@ def continue_born(
     *,
     events: Sequence[str | UserEvent] | None = None,
     values: Mapping[str, Sequence[float]] | None = None,
-    settings: Settings | None = None,
+    settings: Settings | Mapping[str, Any] | None = None,
     callback: Callback | None = None,
     name: str = "b1",
     unphysical: bool | None = None,
@@ -646,6 +651,8 @@ def continue_born(
     InputError
         For an event of another kind, or a range that does not fit.
     """
+    if isinstance(model, str) and model == getattr(entry, "parameter", None):
+        model = None  # where `continue_orbit` has the parameter, which here is the entry's
     entry, model = entry_first(entry, model)
     if getattr(entry, "kind", None) not in SWITCHES:
         accepted = f"accepted are entries of {', '.join(SWITCHES)}"
@@ -662,7 +669,7 @@ def continue_born(
     with progress_callback(
         progress, f"following {name}, {problem.word}", problem, callback
     ) as told:
-        stop, settings = symmetric_end(problem), settings or Settings()
+        stop, settings = symmetric_end(problem), _numerics(settings)
         if unphysical is None:
             unphysical = problem.model.few_guards or not entry.physical
         run = run_born(start, born, limits, tests, settings, name, stop, told, unphysical)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, short_repr
 from ..models.guards import graph
 from ..models.model import Model
 from ..models.word import Word, parse_word, repetitions
@@ -305,6 +305,10 @@ def find_orbits(
     Where random starts lead to no orbit that is stable and physical, a few short simulations from
     random states are made as well: an attractor on which one of them settles is found.
     """
+    if not isinstance(model, Model):
+        raise InputError(
+            "model", f"found {short_repr(model)}", "give a model, such as ImpactPair(...)"
+        )
     first = list(model.values)[-1 if model.autonomous else 0]
     kernels = kernels or Kernels(model, parameter or first)
     found = orbits_search.find_orbits(

@@ -14,9 +14,9 @@ import unicodedata
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Never, Self, TypeAlias
 
-from ..errors import InputError, did_you_mean, short_repr
+from ..errors import InputError, did_you_mean, missing, short_repr
 from .expressions import CONSTANTS, FUNCTIONS, check_expression, names_in, number, values_of
 from .guards import FEW, guard_of, orders_of, slides_at
 from .guards import Guard as Guard
@@ -483,6 +483,8 @@ class Model(ABC):
 
     Parameters
     ----------
+    *unnamed
+        Refused: values are given by name.
     **given
         Values of `PARAMETERS` (floats) and of `OPTIONS` (text that shapes the formulas).
 
@@ -524,8 +526,11 @@ class Model(ABC):
         super().__init_subclass__(**given)
         check_class(cls)
 
-    def __init__(self, /, **given: Any) -> None:
+    def __init__(self, /, *unnamed: Never, **given: Any) -> None:
         check_complete(type(self))
+        if unnamed:
+            accepted = f"give them by name: {', '.join(f'{p.name}=...' for p in self.PARAMETERS)}"
+            raise InputError("parameters", f"{len(unnamed)} values without names", accepted)
         self.shared: dict[str, Any] = {}
         self.options = {name: str(given.pop(name, text)) for name, text in self.OPTIONS.items()}
         if "period" in given:
@@ -705,6 +710,11 @@ class Model(ABC):
     def parameters(self) -> dict[str, float]:
         """Values of all parameters, derived ones included."""
         return {name: self[name] for name in (*self.values, *self.DERIVED)}
+
+    if not TYPE_CHECKING:  # where types are read, an attribute that is not there is a mistake
+
+        def __getattr__(self, name: str) -> Any:
+            raise missing(self, name) if "values" in vars(self) else AttributeError(name)
 
     def _ipython_key_completions_(self) -> list[str]:
         return [*self.values, *self.DERIVED]

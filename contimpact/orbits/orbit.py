@@ -152,6 +152,10 @@ class Orbit(NotebookResult):
         """The orbit's period, in the model's clock."""
         return self.linearisation.span
 
+    def __getitem__(self, name: str) -> float:
+        """Return the value of a parameter."""
+        return self.parameters[name]
+
     def path(self, points: int = 200) -> Path:
         """Return the motion along one period: times, gap coordinate and velocity.
 

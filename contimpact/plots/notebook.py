@@ -21,7 +21,7 @@ from .orbit import plot_orbit
 
 
 @functools.singledispatch
-def draw_result(result: Any, **options: Any) -> Any:
+def draw_result(result: Any, *x: Any, **options: Any) -> Any:
     """Draw a result and return the axes.
 
     Raises InputError if it cannot be drawn.
@@ -33,15 +33,15 @@ PAINTERS.append(draw_result)
 
 
 @draw_result.register
-def _(result: Branch, **options: Any) -> Any:
-    return plot_diagram(result, **{"unphysical": "all", **options})
+def _(result: Branch, *x: Any, **options: Any) -> Any:
+    return plot_diagram(result, *x, **{"unphysical": "all", **options})
 
 
 @draw_result.register
-def _(result: Diagram, **options: Any) -> Any:
+def _(result: Diagram, *x: Any, **options: Any) -> Any:
     if not result.branches and result.curves:
-        return plot_curves(result.curves, **options)
-    return plot_diagram(result, **options)
+        return plot_curves(result.curves, *x, **options)
+    return plot_diagram(result, *x, **options)
 
 
 @draw_result.register
@@ -51,8 +51,8 @@ def _(result: Curve, **options: Any) -> Any:
 
 @draw_result.register(Orbit)
 @draw_result.register(Entry)
-def _(result: Any, **options: Any) -> Any:
-    return plot_orbit(result, **options)
+def _(result: Any, *x: Any, **options: Any) -> Any:
+    return plot_orbit(result, *x, **options)
 
 
 @draw_result.register

@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 
@@ -24,13 +24,13 @@ from ..orbits.search import find_orbits
 from ..segments.kernels import Kernels
 from ..systems import find_system
 from .tables import (
+    Columns,
     columns_of,
     coordinates,
     event_by_id,
     event_by_kind,
     first_unknown,
     kinds_of,
-    same_data,
 )
 
 # From recorded numbers back to orbits: rows of tables, entries of catalogues, their files.
@@ -386,6 +386,10 @@ class Entry(NotebookResult):
 
         return orbit_of(self, model)
 
+    def __getitem__(self, name: str) -> float:
+        """Return the value of a parameter there."""
+        return self.parameters[name]
+
     def as_row(self) -> dict[str, Any]:
         """Return the entry as a row of a table; impacts and multipliers are spread over columns."""
         row: dict[str, Any] = {name: getattr(self, name) for name in FLAT}
@@ -432,7 +436,7 @@ UNKNOWN = STATUS.index("unknown")
 
 
 @dataclass(frozen=True, eq=False)
-class Branch(NotebookResult):
+class Branch(Columns):
     """A branch of periodic orbits, as a table.
 
     Attributes
@@ -480,46 +484,19 @@ class Branch(NotebookResult):
     meetings: Sequence[str] = ()
     notes: Sequence[str] = ()
 
-    @overload
-    def __getitem__(self, column: str) -> Array: ...
-    @overload
-    def __getitem__(self, column: slice) -> dict[str, Array]: ...
+    def _instead(self, column: object) -> str:
+        event = event_by_id(self.events, column) or event_by_kind(self.events, column)
+        if event is not None:
+            return f"the orbit of an event is branch.orbit({event.id!r})"
+        return f"the orbit of a row is branch.orbit({column})" if isinstance(column, int) else ""
 
-    def __getitem__(self, column: str | slice) -> Array | dict[str, Array]:
-        """Return a column; with a slice, these rows of all columns."""
-        if isinstance(column, slice):
-            return {name: values[column] for name, values in self.columns.items()}
-        if column in self.columns:
-            return self.columns[column]
-        found = f"branch {self.id} has no column {short_repr(column)}; "
-        if event_by_id(self.events, column) is not None:
-            found += f"the orbit of an event is branch.orbit({column!r}); "
-        row = f"the orbit of a row is branch.orbit({column}); " if isinstance(column, int) else ""
-        raise KeyError(found + row + f"it has {', '.join(self.columns)}")
-
-    def _ipython_key_completions_(self) -> list[str]:
-        return list(self.columns)
-
-    @property
-    def name(self) -> str:
-        """The same as `id`."""
-        return self.id
-
-    def __len__(self) -> int:
-        return len(self.columns["arclength"])
-
-    def __eq__(self, other: object) -> bool:
-        return same_data(self, other) if isinstance(other, Branch) else NotImplemented
-
-    __hash__ = None  # type: ignore[assignment]
-
-    def orbit(self, place: int | str, model: Model | None = None) -> Orbit:
+    def orbit(self, place: int | str | Entry, model: Model | None = None) -> Orbit:
         """Return the orbit of a row, to continue it or to look at it.
 
         Parameters
         ----------
-        place : int or str
-            The number of a row, or the name of one of `events`.
+        place : int, str or Entry
+            The number of a row, or one of `events`, or its name.
         model : Model, optional
             The system, where its name does not tell: an own one that is not imported. Parameter
             values are taken from the branch.
@@ -530,7 +507,7 @@ class Branch(NotebookResult):
             If there is no such row or event, or the system is not known.
         """
 
-        return orbit_at(self, place, model)
+        return place.orbit(model) if isinstance(place, Entry) else orbit_at(self, place, model)
 
     @property
     def stable(self) -> Array:
@@ -617,10 +594,6 @@ class Branch(NotebookResult):
                 for k in range(1, count + 1)
             ]
         )
-
-    def to_dataframe(self) -> Any:
-        """Return the columns as a pandas DataFrame; pandas must be installed."""
-        return frame(self.columns)
 
     def summary(self) -> Summary:
         """Return the branch's events and ends in short."""

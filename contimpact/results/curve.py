@@ -14,9 +14,8 @@ from ..arrays import Array
 from ..bifurcations.declarations import CROSSINGS, REQUESTED
 from ..bifurcations.registry import kind_of
 from ..continuation.ends import End
-from ..display import NotebookResult, Summary, frame, limit_lines
-from ..errors import short_repr
-from .tables import first_unknown, same_data
+from ..display import Summary, limit_lines
+from .tables import Columns, first_unknown
 
 # Areas of two parameters in which the same stable orbits end in the same way.
 
@@ -121,7 +120,7 @@ def _count_crossings(ring: np.ndarray, x: float, y: float) -> int:
 
 
 @dataclass(frozen=True, eq=False)
-class Curve(NotebookResult):
+class Curve(Columns):
     """A curve of bifurcations, as a table.
 
     Attributes
@@ -165,36 +164,10 @@ class Curve(NotebookResult):
     evaluations: int = field(default=0, compare=False)
     branch: str = ""
 
-    def __getitem__(self, column: str) -> Array:
-        if column in self.columns:
-            return self.columns[column]
-        found = f"curve {self.id} has no column {short_repr(column)}; "
-        raise KeyError(f"{found}it has {', '.join(self.columns)}")
-
-    def _ipython_key_completions_(self) -> list[str]:
-        return list(self.columns)
-
-    @property
-    def name(self) -> str:
-        """The same as `id`."""
-        return self.id
-
-    def __len__(self) -> int:
-        return len(self.columns["arclength"])
-
-    def __eq__(self, other: object) -> bool:
-        return same_data(self, other) if isinstance(other, Curve) else NotImplemented
-
-    __hash__ = None  # type: ignore[assignment]
-
     @property
     def ghost(self) -> Array:
         """Whether the bifurcation is a ghost, point by point."""
         return np.asarray((self["n_unstable"] > 0) | (self["physical"] == 0))
-
-    def to_dataframe(self) -> Any:
-        """Return the columns as a pandas DataFrame; pandas must be installed."""
-        return frame(self.columns)
 
     def summary(self) -> Summary:
         """Return the curve's points of codimension two and its ends in short."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -112,12 +112,23 @@ class Diagram(NotebookResult):
         """The same as `entries`, by the name that branches have for theirs."""
         return self.entries
 
-    def __getitem__(self, name: str) -> Branch | Curve | Entry:
+    @overload
+    def __getitem__(self, name: str) -> Branch | Curve | Entry: ...
+    @overload
+    def __getitem__(self, name: int) -> Branch: ...
+    @overload
+    def __getitem__(self, name: slice) -> Sequence[Branch]: ...
+
+    def __getitem__(self, name: str | int | slice) -> Branch | Curve | Entry | Sequence[Branch]:
         """Return a branch, a curve or an entry by its name: ``b1``, ``c1``, ``e1``.
+
+        A number or a slice is of the branches.
 
         Entries also have their kind's name where there is one of the kind, ``PD``, and its
         number among those of the kind otherwise, ``PD2``.
         """
+        if isinstance(name, int | slice):
+            return self.branches[name]
         found = [one for one in self._named if one.id == name]
         if not found:
             of_kind = event_by_kind(self.entries, name)

@@ -170,7 +170,7 @@ def read(diagram: DiagramSurvey) -> Reading:
     -------
     Reading
     """
-    stable = [interval for branch in diagram.branches for interval in stable_intervals(branch)]
+    stable = stable_intervals(diagram)
     member = {b.id: tuple(float(b[name][0]) for name in b.constant) for b in diagram.branches}
     grazings = [e for e in diagram.entries if e.kind == G.name and e.physical and e.order == 1]
     known = {branch.id for branch in diagram.branches}
@@ -184,18 +184,20 @@ def read(diagram: DiagramSurvey) -> Reading:
     return Reading(stable, _bistable(stable, member), transitions, diagram.survey, unknown, labels)
 
 
-def stable_intervals(branch: Branch) -> list[Interval]:
+def stable_intervals(branch: Branch | DiagramSurvey) -> list[Interval]:
     """Return the runs of stable physical orbits of a branch.
 
     Parameters
     ----------
-    branch : Branch
+    branch : Branch or Diagram
 
     Returns
     -------
     list of Interval
-        In order of arclength.
+        In order of arclength; of a diagram those of each branch.
     """
+    if not isinstance(branch, Branch):
+        return [interval for one in branch.branches for interval in stable_intervals(one)]
     good = branch.stable & branch.physical
     good[branch.between] = False
     edges = np.nonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))[0]

@@ -5,11 +5,14 @@ from __future__ import annotations
 import dataclasses
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar, overload
 
 import numpy as np
 
+from ..arrays import Array
 from ..bifurcations.declarations import SYNONYMS
+from ..display import NotebookResult, frame
+from ..errors import did_you_mean, short_repr
 from ..orbits.problem import Linearisation
 
 
@@ -27,6 +30,53 @@ def same_data(one: Any, other: Any) -> bool:
         names = [f.name for f in dataclasses.fields(one) if f.compare]
         return all(same_data(getattr(one, n), getattr(other, n)) for n in names)
     return bool(one == other)
+
+
+class Columns(NotebookResult):
+    """Points as named columns: what branches and curves have in common."""
+
+    id: str
+    columns: Mapping[str, Array]
+
+    @overload
+    def __getitem__(self, column: str) -> Array: ...
+    @overload
+    def __getitem__(self, column: slice) -> dict[str, Array]: ...
+
+    def __getitem__(self, column: str | slice) -> Array | dict[str, Array]:
+        """Return a column; with a slice, these rows of all columns."""
+        if isinstance(column, slice):
+            return {name: values[column] for name, values in self.columns.items()}
+        if column in self.columns:
+            return self.columns[column]
+        name = f"{type(self).__name__.lower()} {self.id}"
+        hint = self._instead(column) or did_you_mean(str(column), self.columns).strip(" ()")
+        known = f"{hint}; it has {', '.join(self.columns)}".removeprefix("; ")
+        raise KeyError(f"{name} has no column {short_repr(column)}; {known}")
+
+    def _instead(self, column: object) -> str:
+        """What gives that which is no column, in words."""
+        return ""
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self.columns)
+
+    @property
+    def name(self) -> str:
+        """The same as `id`."""
+        return self.id
+
+    def __len__(self) -> int:
+        return len(self.columns["arclength"])
+
+    def __eq__(self, other: object) -> bool:
+        return same_data(self, other) if type(self) is type(other) else NotImplemented
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def to_dataframe(self) -> Any:
+        """Return the columns as a pandas DataFrame; pandas must be installed."""
+        return frame(self.columns)
 
 
 def all_parameters(here: Linearisation) -> dict[str, float]:
