@@ -347,8 +347,8 @@ def continue_orbit(
     with progress_callback(
         progress, f"following {name}, {problem.word}", problem, callback
     ) as told:
-        tests = add_stop_test(tests, stop)
-        run = walk_both_ways(problem, unknowns, limits, tests, settings, told, stop, unphysical)
+        watched = add_stop_test(tests, stop)
+        run = walk_both_ways(problem, unknowns, limits, watched, settings, told, stop, unphysical)
     return retry_interrupted(lambda: run.branch(name, kinds=[test.kind for test in tests]))
 
 
