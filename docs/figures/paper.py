@@ -21,7 +21,7 @@ from contimpact.studies.executors import processes
 
 HERE = Path(__file__).parent
 SCENES = HERE.parents[1] / "branches"
-EVENTS = ["FB", "PD", "G"]
+EVENTS = ["FB", "PD", "G", "V"]
 FINE = ci.Settings(step=0.002, max_step=0.004)
 """Of branches near a grazing, where a multiplier goes to infinity within a short way."""
 PUBLISHED = (
@@ -62,7 +62,8 @@ def fig5():
         stable = [o for orbits in found[1:] for o in orbits if o.stable and o.physical]
         state = "unstable" if single.physical and not single.stable else "stable"
         state = state if single.physical else "unphysical"
-        labels = [f"{word}, stable" for word in attracting] + [f"1:1, {state}, A = {A} N, r = {r}"]
+        labels = [f"{word}, stable" for word in attracting]
+        labels.append(f"1:1, {state}, A = {A} N, r = {r}")
         ci.plot_orbit(*stable, single, axes=row, labels=labels)
     written(figure, "fig5")
 
@@ -76,7 +77,7 @@ def fig6():
         for curve in (c for c in diagram.codim2_curves if c.kind == "PD-G"):
             ax = axes[("1:1", "2:1").index(curve.notation)]
             first = curve["r"][np.argmax(curve["beta"])] < 0.5 if ax is axes[0] else True
-            colour = "#0072B2" if first else "0.55"
+            colour = WALLS[0] if first else "0.45"
             ax.plot(curve["beta"] / np.pi, curve["r"], color=colour, linestyle=style)
             ends = curve["beta"][[0, -1]] / np.pi, curve["r"][[0, -1]]
             ax.plot(*ends, "o", color=colour, markersize=4, markerfacecolor="w", clip_on=False)
@@ -87,7 +88,7 @@ def fig6():
         ax.set_xlabel(r"$\beta$ ($\pi$ rad)")
     axes[0].plot(*zip(*PUBLISHED, strict=True), "kx", label="panels (a) and (b)")
     axes[0].text(0.04, 0.16, "grazing first", fontsize=9)
-    axes[0].text(0.26, 0.4, "period doubling first", fontsize=9, color="#0072B2")
+    axes[0].text(0.26, 0.4, "period doubling first", fontsize=9, color=WALLS[0])
     axes[0].text(0.25, 0.74, "a second 1:1 at smaller $d$", fontsize=9, color="0.45")
     axes[1].text(0.02, 0.69, "with grazing to 3:1", fontsize=9)
     axes[1].text(0.12, 0.1, "with grazing to 2:2", fontsize=9)
@@ -188,8 +189,8 @@ def fig12():
     rows = draw_means(axes[0], ci.ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.45), "s", lengths)
     rows += draw_means(axes[1], ci.ImpactPair(beta=math.pi / 6, r=0.3, A=5.56, s=0.5), "A", forces)
     packed(HERE / "fig12.csv.xz", ["swept,r,d,notation,U_T (V),U_I (V)", *rows])
-    axes[0].set_title("(a) A = 5 N, s decreasing", loc="left", fontsize=10)
-    axes[1].set_title("(b) s = 0.5 m, A increasing", loc="left", fontsize=10)
+    axes[0].set_title("(a) $A$ = 5 N, $s$ decreasing", loc="left", fontsize=10)
+    axes[1].set_title("(b) $s$ = 0.5 m, $A$ increasing", loc="left", fontsize=10)
     axes[0].legend(fontsize=8)
     written(figure, "fig12")
 

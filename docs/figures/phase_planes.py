@@ -15,12 +15,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import contimpact as ci
+from contimpact.results.quantities import WALLS
 
 HERE = Path(__file__).parent
 MOTION = {"color": "0.45", "zorder": 0}
 IMPACT = {"linestyle": "none", "marker": "o", "markerfacecolor": "white", "color": "0.1"}
 IMPACT |= {"markersize": 3.0, "markeredgewidth": 0.7, "zorder": 5}
-WALLS = ("#0072B2", "#B87400")
 FIG3A = {"beta": math.pi / 9, "r": 0.3, "A": 5.0, "s": 0.4}
 FIG7 = {"beta": math.pi / 6, "r": 0.3, "A": 5.0, "s": 0.34}
 FIG8 = {"beta": math.pi / 6, "r": 0.25, "A": 7.2, "s": 0.5}
@@ -53,7 +53,7 @@ def simulated(row, orbit, *, from_near=0.0, skipped=0, periods=12):
     series.plot(t / run.period, z, **MOTION, linewidth=0.9)
     hits = [simulator.positions[wall] for wall in run.walls]
     series.plot(run.times / run.period, hits, **IMPACT)
-    for position, colour in zip(simulator.positions, WALLS, strict=True):
+    for position, colour in zip(simulator.positions, WALLS, strict=False):
         series.axhline(position, color=colour, linewidth=1.4, zorder=1)
     series.set(xlim=(t[0] / run.period, t[-1] / run.period), xlabel="$t/T$", ylabel="$Z$")
 
@@ -98,12 +98,16 @@ def fig2():
         t = np.concatenate([t + turn * orbit.period for turn in range(-1, 4)])
         capsule = -np.cos(np.pi * t) / np.pi**2
         half = 0.5 * orbit.parameters["d"]
-        for side, colour in zip((-half, half), WALLS, strict=True):
-            ax.plot(t / orbit.period, capsule + side, "-.", color=colour)
-        ax.plot(t / orbit.period, capsule - np.tile(z, 5), color="#D55E00")
-        ax.set_title(f"{word}, stable: β = {beta}, r = 0.3, A = 5 N, s = {s} m", fontsize=10)
-        ax.set_ylabel("bottom, top, ball")
+        ends = (("bottom B", -half, WALLS[0]), ("top T", half, WALLS[1]))
+        for name, side, colour in ends:
+            ax.plot(t / orbit.period, capsule + side, "-.", color=colour, label=name)
+        ax.plot(t / orbit.period, capsule - np.tile(z, 5), color="0.1", label="ball")
+        values = f"$\\beta$ = {beta}, $r$ = 0.3, $A$ = 5 N, $s$ = {s} m"
+        ax.set_title(f"{word}, stable: {values}", fontsize=10)
+        ax.set_ylabel("height (dimensionless)")
     axes[1].set(xlim=(0.0, 4.0), xlabel="$t/T$")
+    handles = axes[0].get_legend_handles_labels()
+    figure.legend(*handles, loc="outside lower center", ncols=3, fontsize=9, frameon=False)
     return figure
 
 
@@ -115,7 +119,7 @@ def fig5a():
     event = grazing(branch.events, "~G[1:1->2:1]")
     figure = Figure(figsize=(10.0, 4.2), layout="constrained")
     plane, series = figure.subplots(1, 2, width_ratios=(1.0, 1.3))
-    flights = {"P_2": "#0072B2", "P_3": "#D55E00"}
+    flights = {"P_2": "0.1", "P_3": WALLS[1]}
     for orbit, line in ((before, "--"), (event.orbit(), "-")):
         half = 0.5 * orbit.parameters["d"]
         told = f"$d$ = {2 * half:.4f}" + (" = $d_G$" if line == "-" else "")
@@ -137,7 +141,9 @@ def fig5a():
     plane.set(xlabel="$Z$", ylabel=r"$\dot Z$")
     series.set(xlabel="$t/T$ since D", ylabel="$Z$", xlim=(0.0, 1.0))
     figure.legend(*plane.get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    figure.suptitle("Fig. 5(a): 1:1 as P2 and P3; β = π/9, r = 0.3, A = 5 N", fontsize=10)
+    figure.suptitle(
+        "Fig. 5(a): 1:1 as $P_2$ and $P_3$; $\\beta$ = π/9, $r$ = 0.3, $A$ = 5 N", fontsize=10
+    )
     return figure
 
 
@@ -145,7 +151,7 @@ def fig7():
     """Phase planes and time series of Fig. 7, from (b) to (l)."""
     diagram = ci.follow(ci.load_scene(HERE.parents[1] / "branches/fig7/scene.toml"))
     rows = ["(b), (c)", "(d), (e)", "(f) to (h)", "(i), (j)", "(k), (l)"]
-    figure, axes = panels("Fig. 7: β = π/6, r = 0.3, A = 5 N", rows)
+    figure, axes = panels("Fig. 7: $\\beta$ = π/6, $r$ = 0.3, $A$ = 5 N", rows)
     single = orbits_of(at("s", 0.242, FIG7), "1:1", "s")[0]
     doubled = orbits_of(at("s", 0.233, FIG7), "1:1/2T", "s")[0]
     ci.plot_orbit(single, axes=axes[0], labels=["1:1, stable, d = 0.242"])
@@ -167,7 +173,8 @@ def fig8():
     """Phase planes and time series of Fig. 8, from (b) to (j)."""
     diagram = ci.follow(ci.load_scene(HERE.parents[1] / "branches/fig8/scene.toml"))
     figure, axes = panels(
-        "Fig. 8: β = π/6, r = 0.25, s = 0.5 m", ["(b), (c)", "(d), (e)", "(f), (g)", "(h) to (j)"]
+        "Fig. 8: $\\beta$ = π/6, $r$ = 0.25, $s$ = 0.5 m",
+        ["(b), (c)", "(d), (e)", "(f), (g)", "(h) to (j)"],
     )
     event = grazing(diagram.entries, "G[1:1->2:1]")
     ci.plot_orbit(event, axes=axes[0], labels=["1:1 at its grazing, d = 0.2138"])
