@@ -23,11 +23,13 @@ if TYPE_CHECKING:
     from .display import plot as plot
     from .errors import InputError as InputError
     from .models.model import Formulas as Formulas
+    from .models.model import Geometry as Geometry
     from .models.model import Model as Model
     from .models.model import Parameter as Parameter
     from .models.model import Symmetry as Symmetry
     from .models.model import Wall as Wall
     from .orbits.orbit import Orbit as Orbit
+    from .page.notebook import view as view
     from .plots.attractors import plot_energy as plot_energy
     from .plots.attractors import plot_sweep as plot_sweep
     from .plots.curves import plot_codim2 as plot_codim2
@@ -106,6 +108,7 @@ _PLACES = {
     "Wall": "models.model",
     "Formulas": "models.model",
     "Symmetry": "models.model",
+    "Geometry": "models.model",
     "check_model": "segments.checking",
     "Orbit": "orbits.orbit",
     "find_orbits": "diagrams.starting_orbits",
@@ -121,6 +124,7 @@ _PLACES = {
     "stable_intervals": "results.diagram_reading",
     "load_entries": "results.catalogue",
     "plot": "display",
+    "view": "page.notebook",
     "plot_codim2": "plots.curves",
     "plot_curves": "plots.curves",
     "save": "simulation.files",

@@ -130,14 +130,16 @@ def page_data(
     tracks = Tracks(model) if model and lines else None
     every = stride(lines, tracks.size if tracks else 1)
     found = read(diagram)
+    varying = _varying_parameters(branches, shown.x) if branches else _swept_along(swept, derived)
+    varying = varying or [shown.x]
     remarks = [*shown.remarks, *map(sentence_of, found.unknown)]
     return {
         "schema": SCHEMA,
         "version": __version__,
         "name": diagram.name,
         "shown": dataclasses.asdict(shown) | {"remarks": remarks},
-        "parameter": branches[0].parameter if branches else shown.x,
-        "varying": _varying_parameters(branches, shown.x),
+        "parameter": varying[0],
+        "varying": varying,
         "fixed": shared_parameters(branches, derived) if branches else _constant(swept, derived),
         "units": _units(branches, model),
         "walls": _walls(branches, model),
@@ -232,10 +234,21 @@ def _gives_way(guard: Guard, guards: Sequence[Guard]) -> bool:
 
 
 def _constant(swept: Sequence[SweepSeries], derived: Sequence[str]) -> dict[str, float]:
-    """The parameters that all attractors share."""
-    names = [name for name in swept[0].parameters if name not in derived] if swept else []
-    values = {n: np.concatenate([found.parameters[n] for found in swept]) for n in names}
-    return {n: float(v[0]) for n, v in values.items() if len(v) and np.all(v == v[0])}
+    """The parameters that all attractors share, derived ones left out."""
+    values = {n: v for n, v in _columns(swept).items() if n not in derived}
+    return {n: float(v[0]) for n, v in values.items() if np.all(v == v[0])}
+
+
+def _swept_along(swept: Sequence[SweepSeries], derived: Sequence[str]) -> list[str]:
+    """The parameters that differ among attractors, derived ones last."""
+    varied = [n for n, v in _columns(swept).items() if np.any(v != v[0])]
+    return sorted(varied, key=lambda name: name in derived)
+
+
+def _columns(swept: Sequence[SweepSeries]) -> dict[str, Array]:
+    """The parameters of all attractors."""
+    names = list(swept[0].parameters) if swept else []
+    return {n: np.concatenate([found.parameters[n] for found in swept]) for n in names}
 
 
 def _varying_parameters(branches: Sequence[Branch], x: str) -> list[str]:

@@ -112,6 +112,12 @@ class Diagram(NotebookResult):
         """The same as `entries`, by the name that branches have for theirs."""
         return self.entries
 
+    def view(self, **options: Any) -> Any:
+        """Return the page of the diagram for a notebook; see `contimpact.view`."""
+        from .. import view
+
+        return view(self, **options)
+
     @overload
     def __getitem__(self, name: str) -> Branch | Curve | Entry: ...
     @overload

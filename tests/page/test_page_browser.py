@@ -25,6 +25,7 @@ from zoo import ROOT
 from contimpact.diagrams.explore import follow
 from contimpact.page.data import PageView
 from contimpact.page.document import FOLDER, LIBRARY, page_text
+from contimpact.page.notebook import view
 from contimpact.page.sweeps import read_sweep
 from contimpact.results.scene import read_scene
 from contimpact.simulation.files import sweep_text
@@ -508,6 +509,50 @@ def test_texts_stay_in_the_picture_and_off_each_other(reader, computed):
         inside = page.run("return document.querySelector('#diagram').getBoundingClientRect().width")
         assert all(0 <= x <= inside and y >= 0 for label in corners for x, y in label)
         assert pairs_that_meet(corners) == []
+
+
+@pytest.mark.parametrize("width", [1400, 500])
+def test_no_text_covers_another_in_any_picture(reader, computed, masses, masses_scene, width):
+    """Of one and two coordinates, of two parameters, on wide screens and narrow ones."""
+    shown = [(computed("fig8"), ""), ((masses, masses_scene), "at=b1:5")]
+    shown += [(computed("fig6b"), "view=plane"), (computed("fig6b"), "at=b1:9&y=multiplier")]
+    for given, fragment in shown:
+        page = reader(*given)
+        size = {"width": width, "height": 1000, "deviceScaleFactor": 1, "mobile": False}
+        page.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+        page.open(fragment)
+        pictures = page.run(
+            "return [...document.querySelectorAll('svg[id]')]"
+            ".filter(svg => svg.getClientRects().length).map(svg => svg.id)"
+        )
+        assert pictures == ["plane"] if "plane" in fragment else "machine" in pictures
+        for name in pictures:
+            corners = page.run(CORNERS, f"#{name}")
+            assert pairs_that_meet(corners) == [], (name, fragment)
+            wide = page.run("return document.querySelector(arguments[0]).clientWidth", f"#{name}")
+            assert all(-1 <= x <= wide + 1 for text in corners for x, _ in text), (name, fragment)
+        page.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+def test_a_notebook_shows_the_page_live(reader, small, small_scene, tmp_path):
+    """In a frame, where nothing may write the address: a click on an event moves the orbit."""
+    page = reader(small, small_scene)
+    inside = view(small, x="d")._repr_html_()
+    assert page.complaints() == []
+    page.path = tmp_path / "notebook.html"
+    page.path.write_text(f"<!DOCTYPE html><p>a cell</p>{inside}", encoding="utf-8")
+    page.driver.get(page.path.as_uri())
+    page.driver.switch_to.frame(0)
+    until = time.monotonic() + 10.0
+    while page.run("return document.documentElement.dataset.ready") != "true":
+        assert time.monotonic() < until
+    event = small.entries[0].id
+    assert event not in page.text("#orbit-name")
+    page.run("document.querySelector(`#table [data-entry=${arguments[0]}]`).click()", event)
+    assert event in page.text("#orbit-name")
+    assert page.all("#machine .body")
+    time.sleep(0.3)  # when the address would have been written
+    page.driver.switch_to.default_content()
 
 
 def test_infinite_multipliers_are_gaps_of_their_lines(reader, computed):

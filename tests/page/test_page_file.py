@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import dataclasses
 import hashlib
+import html
 import json
 import re
 import subprocess
@@ -16,8 +17,10 @@ import pytest
 
 from contimpact import write_diagram
 from contimpact.cli import main
+from contimpact.errors import InputError
 from contimpact.page.data import PageView
 from contimpact.page.document import FOLDER, LIBRARY, page_text
+from contimpact.page.notebook import view
 
 TOML = """
 name = "frugal"
@@ -215,3 +218,31 @@ def test_scenes_with_one_folder_are_not_run(scene, tmp_path, capsys):
     assert main(["run", *map(str, paths), "-o", str(tmp_path / "out"), "--no-plot"]) == 2
     assert "'a: b' and 'A: B' are one folder" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_a_notebook_is_given_the_page_in_a_frame(small, tmp_path):
+    live = small.view(x="d", height=500)
+    frame = live._repr_html_()
+    assert frame.isascii()  # whatever encoding a notebook is written in
+    assert html.unescape(re.search(r'srcdoc="([^"]*)"', frame)[1]) == live.text
+    assert "height: 500px" in frame
+    assert "allow-same-origin" not in frame
+    live.save(tmp_path / "page.html")
+    assert (tmp_path / "page.html").read_text(encoding="utf-8") == live.text
+    assert json.loads(data_of(live.text))["shown"]["x"] == "d"
+    assert json.loads(data_of(view(small["b1"]).text))["parameter"] == "s"
+    with pytest.raises(InputError, match="x: no branch has 'y'"):
+        small.view(x="y")
+
+
+def test_a_page_without_a_known_system_says_so(small):
+    """In a notebook, too; a diagram without anything has no page."""
+    branch = dataclasses.replace(small["b1"], system="nobody")
+    assert "nobody are not known" in json.loads(data_of(view(branch).text))["unknown"]
+    with pytest.raises(InputError, match="there is nothing in it"):
+        dataclasses.replace(small, branches=[]).view()
+
+
+def data_of(text):
+    """The data of a page."""
+    return re.search(r'id="data">(.*?)</script>', text, re.S)[1]

@@ -202,7 +202,27 @@ function drawBranches(layer) {
     .attr("d", ([, path]) => path.toString());
 }
 
-const ways = [...new Set(page.swept.map(wayOf))];
+/** How the drawn axis changes along a sweep: 1 where it rises with the parameter. @param {Family} family */
+function riseOf({ columns }) {
+  const across = columns[page.shown.x] ?? columns[page.parameter],
+    [low, high] = [d3.minIndex, d3.maxIndex].map((of) => of(/** @type {any} */ (columns[page.parameter])));
+  return Math.sign(across[high] - across[low]);
+}
+
+/** Ways of simulating, that first along which the drawn axis falls, as in pictures. */
+const ways = [
+  ...new Set(
+    d3
+      .sort(
+        families.filter(({ swept }) => swept),
+        (family) => {
+          const direction = family.swept?.direction;
+          return direction === "random" ? 2 : (direction === "up" ? 1 : -1) * riseOf(family);
+        },
+      )
+      .map(({ swept }) => wayOf(/** @type {Swept} */ (swept))),
+  ),
+];
 
 /** An open circle. @param {d3.Path} path @param {number} x @param {number} y */
 function ring(path, x, y) {

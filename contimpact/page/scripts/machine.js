@@ -177,7 +177,7 @@ function rows(svg, motion, machine, width, angle) {
           ];
     },
   );
-  if (angle) drawGravity(svg);
+  if (angle) drawGravity(svg, angle > 0 ? width - 24 : 16);
   return {
     moved(states) {
       const places = states.map(({ x }, i) => {
@@ -308,10 +308,19 @@ function drawTube(layer, faces) {
   layer.append("path").attr("class", "ground").attr("d", `M${from},${-half}H${to}M${from},${half}H${to}`);
 }
 
-/** Which way is down. @param {Selected} svg */
-function drawGravity(svg) {
-  svg.append("path").attr("class", "ground").attr("d", "M16,12V38M12,31L16,38L20,31");
-  svg.append("text").attr("class", "name").attr("x", 24).attr("y", 30).attr("font-style", "italic").text("g");
+/** Which way is down. @param {Selected} svg @param {number} at */
+function drawGravity(svg, at) {
+  svg
+    .append("path")
+    .attr("class", "ground")
+    .attr("d", `M${at},12V38M${at - 4},31L${at},38L${at + 4},31`);
+  svg
+    .append("text")
+    .attr("class", "name")
+    .attr("x", at + 7)
+    .attr("y", 30)
+    .attr("font-style", "italic")
+    .text("g");
 }
 
 /** A pendulum and its stops. @param {Selected} svg @param {Motion} motion @param {number} width @returns {Machine} */
@@ -345,7 +354,7 @@ function pendulum(svg, motion, width) {
     .attr("r", 3)
     .attr("cx", middle[0])
     .attr("cy", middle[1]);
-  drawGravity(svg);
+  drawGravity(svg, 16);
   return {
     moved([{ x }]) {
       if (!Number.isFinite(x)) return;

@@ -80,7 +80,8 @@ let waiting = 0;
 /** Write the state to the address. */
 function cite() {
   const text = fragment();
-  if (text !== location.hash.slice(1)) history.replaceState(null, "", `#${text}`);
+  if (text !== location.hash.slice(1) && location.protocol !== "about:")
+    history.replaceState(null, "", `#${text}`);
 }
 
 /** The state as a fragment: what differs from the beginning. */
@@ -205,7 +206,7 @@ function choose(at) {
  */
 function pick(at) {
   choose(at);
-  if (matchMedia("(max-width: 60rem)").matches) element("orbit").scrollIntoView({ behavior: "smooth" });
+  if (matchMedia("(max-width: 52rem)").matches) element("orbit").scrollIntoView({ behavior: "smooth" });
 }
 
 /** The choice of a row: the event that stands on it, if one does. @param {Family} family @param {number} row */
