@@ -9,8 +9,9 @@ per period:
 3. the orbit has doubled its period before it would graze; the doubled orbits graze (PD_G) or their
    transients do (TG), bounded by the ghost grazing, while the new orbit is already stable or is
    stable from its grazing on;
-4. as 3, but nothing followed of the old family is stable where the new orbit is born at a fold: the
-   fold quenches the complex motion in between.
+4. as 3, but nothing that was followed of the old family is stable where the new orbit is born at a
+   fold. The paper says that the fold quenches the complex motion in between; in Fig. 7 a boundary
+   crisis ends it, and what ends it is not read here.
 """
 
 from __future__ import annotations

@@ -190,7 +190,7 @@ function transitionText({ source, target, mechanism, entry, doubling, fold, doub
         ? `; ${target} is stable before the doubled family is lost`
         : `; ${target} is stable from that grazing on`
       : mechanism === 4
-        ? "; nothing of the old family that was followed is stable there: the fold ends the complex motion in between"
+        ? "; nothing of the old family that was followed is stable there, and what ends the motion in between is not read"
         : "";
   return [head, ...before, ...doubled, ...born, last, tail];
 }
