@@ -1,5 +1,7 @@
 // Axes, zoom and export, for every picture of the page.
 
+d3.formatDefaultLocale({ decimal: ".", thousands: "", grouping: [3], currency: ["", ""] });
+
 /** @typedef {d3.ScaleLinear<number, number>} Linear */
 /** @typedef {{left: number, right: number, top: number, bottom: number}} Box */
 /** @typedef {d3.Selection<any, any, any, any>} Selected */
@@ -55,7 +57,7 @@ function drawFrame(svg, box, scale, names) {
     .attr("transform", (_, k) =>
       k === 0
         ? `translate(${(box.left + box.right) / 2},${box.bottom + 34})`
-        : `translate(${box.left - 49},${(box.top + box.bottom) / 2}) rotate(-90)`,
+        : `translate(13,${(box.top + box.bottom) / 2}) rotate(-90)`,
     );
   const id = `clip-${svg.attr("id")}`;
   svg
@@ -82,6 +84,13 @@ function sized(svg, height) {
   const width = Math.max(200, Math.round(svg.node().parentElement.clientWidth) || 600);
   svg.attr("viewBox", `0 0 ${width} ${height}`).attr("height", height).attr("width", width);
   return width;
+}
+
+/** The room left of a frame: for the numbers of its axis, and what is drawn. @param {[number, number]} limits @param {number} ticks */
+function leftRoom(limits, ticks) {
+  const scale = d3.scaleLinear(limits, [0, 1]),
+    widths = scale.ticks(ticks).map((value) => wordWidth(scale.tickFormat(ticks)(value)));
+  return Math.max(50, 30 + (12 / 8.5) * (d3.max(widths) ?? 0));
 }
 
 /** Names beside an axis, so far apart that they can be read, above a lower edge. @template {{y: number}} N @param {N[]} names @param {number} apart @param {number} [edge] */

@@ -119,11 +119,11 @@ function drawDiagram() {
   };
   const runs = lanes(),
     wide = element("diagram").parentElement?.clientWidth ?? 600,
-    key = keyItems(wide - 90, limits.x);
+    key = keyItems(wide - leftRoom(limits.y, 7) - 28, limits.x);
   const width = sized(diagram, HEIGHT + LANE * runs.length + ROW * (d3.max(key, (item) => item.row) ?? 0)),
     narrow = width < 520;
   const box = {
-    left: 62,
+    left: leftRoom(limits.y, 7),
     right: width - 22,
     top: labelRoom(limits.x),
     bottom: HEIGHT - 74,

@@ -45,7 +45,7 @@ function stopsOf(motion, i) {
 
 /**
  * Where bodies and walls of a row are.
- * @typedef {{carrier: Map<number, number>, lanes: boolean, wide: Length[], left: Length[], high: number[], pixels: number}} Row
+ * @typedef {{carrier: Map<number, number>, lanes: boolean, met: Set<number>, wide: Length[], left: Length[], high: number[], pixels: number}} Row
  */
 
 /** Where everything is along the row, so that nothing meets but what does. @param {Motion} motion @param {Geometry} machine @returns {Row} */
@@ -94,12 +94,13 @@ function rowOf(motion, machine) {
     pixels = Math.max(pixels, left[i][0] + wide[i][0] + after + far);
     end = [left[i][0] + wide[i][0] + POST + 8, left[i][1] + wide[i][1] + high[i]];
   }
-  return { carrier, lanes, wide, left, high, pixels };
+  const met = new Set(meeting.map(([, { row }]) => row.findIndex(Boolean)));
+  return { carrier, lanes, met, wide, left, high, pixels };
 }
 
 /** Bodies that move along a line. @param {Selected} svg @param {Motion} motion @param {Geometry} machine @param {number} width @param {number} angle @returns {Machine} */
 function rows(svg, motion, machine, width, angle) {
-  const { carrier, lanes, wide, left, high, pixels } = rowOf(motion, machine),
+  const { carrier, lanes, met, wide, left, high, pixels } = rowOf(motion, machine),
     count = left.length,
     tall = lanes ? LANE_OF_BODY * count : TALL + 40,
     [cos, sin] = [Math.abs(Math.cos(angle)), Math.abs(Math.sin(angle))],
@@ -135,7 +136,7 @@ function rows(svg, motion, machine, width, angle) {
   if (tube) drawTube(still, faces);
   else if (!angle) drawGround(still, machine, long, d3.range(lanes ? count : 1).map(level), count);
   for (const { i, face, across, side, rigid, soft, look } of faces.filter(({ inside }) => !inside)) {
-    const below = machine.springs.some(([a, b]) => a === i && b < count);
+    const below = machine.springs.some(([a, b]) => (side > 0 ? a : b) === i) || (side > 0 && met.has(i));
     if (soft)
       still
         .append("path")

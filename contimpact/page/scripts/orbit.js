@@ -126,11 +126,17 @@ function drawSeries(motion, family, row, entry) {
     width = sized(svg, PANEL),
     walls = wallsTogether(motion),
     widest = d3.max(walls, ({ names }) => names.join(", ").length) ?? 0,
-    box = { left: 60, right: width - 12 - 10 * widest, top: topOf(motion), bottom: PANEL - 42 };
+    extent = widened(extentOf(motion, "x"), 0.07),
+    box = {
+      left: leftRoom(extent, 5),
+      right: width - 12 - 10 * widest,
+      top: topOf(motion),
+      bottom: PANEL - 42,
+    };
   const turns = motion.span === 1 ? 2 : 1,
     begin = motion.flights[0].t[0];
   const t = d3.scaleLinear([begin, begin + turns * motion.span], [box.left, box.right]);
-  const x = d3.scaleLinear(widened(extentOf(motion, "x"), 0.07), [box.bottom, box.top]);
+  const x = d3.scaleLinear(extent, [box.bottom, box.top]);
   const inside = drawFrame(
     svg,
     box,
@@ -215,9 +221,10 @@ function drawTouch(layer, found, across, up, what = "x") {
 function drawPhase(motion, family, row, entry) {
   const svg = d3.select("#phase"),
     width = sized(svg, PANEL),
-    box = { left: 60, right: width - 12, top: topOf(motion), bottom: PANEL - 42 };
+    extent = widened(extentOf(motion, "v"), 0.09),
+    box = { left: leftRoom(extent, 5), right: width - 12, top: topOf(motion), bottom: PANEL - 42 };
   const x = d3.scaleLinear(widened(extentOf(motion, "x"), 0.09), [box.left, box.right]);
-  const v = d3.scaleLinear(widened(extentOf(motion, "v"), 0.09), [box.bottom, box.top]);
+  const v = d3.scaleLinear(extent, [box.bottom, box.top]);
   const inside = drawFrame(svg, box, { x, y: v }, { x: "displacement", y: "velocity", ticks: [3, 5] });
   drawWalls(group(inside, "lines"), motion, (at) => [x(at), box.top, x(at), box.bottom]);
   const last = motion.flights[motion.flights.length - 1],

@@ -82,12 +82,17 @@ function drawPlane() {
   const keys = keysOf(panel),
     names = d3.max(keys, ({ parts, behind }) => labelLength(parts, behind)) ?? 0,
     wide = Math.max(200, element("plane").parentElement?.clientWidth ?? 600),
-    box = { left: 62, right: wide - 14 - 6 * names, top: 16, bottom: 430 },
+    given = state.plane,
+    box = {
+      left: leftRoom(given ? [given[2], given[3]] : planeHome().y, 6),
+      right: wide - 14 - 6 * names,
+      top: 16,
+      bottom: 430,
+    },
     lines = curveKey(panel, keys, box.left, wide),
     tints = areaKey(panel, box.left, wide),
     below = box.bottom + 70,
-    rowsOf = (/** @type {{row: number}[]} */ items) => (d3.max(items, ({ row }) => row) ?? -1) + 1,
-    given = state.plane;
+    rowsOf = (/** @type {{row: number}[]} */ items) => (d3.max(items, ({ row }) => row) ?? -1) + 1;
   const lower = below + KEY_ROW * rowsOf(lines);
   sized(plane, lower + KEY_ROW * rowsOf(tints));
   /** @type {Limits} */

@@ -30,31 +30,46 @@ function atFirst() {
 
 /**
  * What is chosen when a diagram opens: an event that ends its longest stable run, else another real event, else an
- * orbit; of those in sight.
+ * orbit; of those in sight, with impacts if there are any.
  * @param {number} member
  */
 function opening(member) {
+  const known = opened.get(member) ?? chosenFirst(member);
+  opened.set(member, known);
+  return known;
+}
+
+/** @type {Map<number, string>} */
+const opened = new Map();
+
+/** The same, looked for. @param {number} member */
+function chosenFirst(member) {
   const [low, high] = page.shown.xlim ?? [-Infinity, Infinity],
-    own = families.filter((family) => family.rows && memberOf(family) === member);
-  const inSight = (/** @type {Family} */ family, /** @type {number} */ row) => {
-    const x = family.columns[page.shown.x]?.[row];
-    return low <= x && x <= high;
-  };
-  const runs = page.reading.stable
-    .filter(({ branch }) => own.some(({ id }) => id === branch))
-    .sort((a, b) => b.high - b.low - (a.high - a.low));
-  const events = [
-    ...runs.flatMap(({ bounds }) => bounds.map((id) => entryById.get(id ?? ""))),
-    ...page.entries,
-  ];
-  const event = events.find((entry) => {
-    const family = own.find(({ id }) => id === entry?.branch);
-    return entry && !entry.ghost && family && inSight(family, entry.row);
-  });
-  if (event) return event.id;
-  for (const family of [...own.filter(({ word }) => word), ...own]) {
-    const rows = d3.range(family.rows).filter((row) => inSight(family, row));
-    if (rows.length) return `${family.id}:${rows[Math.floor(rows.length / 2)]}`;
+    own = families.filter((family) => family.rows && memberOf(family) === member),
+    hitting = own.filter(({ word }) => word);
+  const runs = d3.sort(page.reading.stable, (run) => run.low - run.high),
+    bounds = runs.flatMap(({ bounds }) => bounds.map((id) => entryById.get(id ?? ""))),
+    real = [...bounds, ...page.entries].filter((entry) => entry && !entry.ghost);
+  for (const among of [hitting, own]) {
+    const rows = new Map(
+      among.map((family) => [
+        family.id,
+        d3.range(family.rows).filter((row) => {
+          const x = family.columns[page.shown.x]?.[row];
+          return low <= x && x <= high;
+        }),
+      ]),
+    );
+    const event = real.find((entry) => entry && rows.get(entry.branch)?.includes(entry.row));
+    if (event) return event.id;
+    const best = d3.least(
+      among.filter(({ id }) => rows.get(id)?.length),
+      ({ id, status }) => d3.min(rows.get(id) ?? [], (row) => status[row]) ?? 9,
+    );
+    const there = best ? (rows.get(best.id) ?? []) : [],
+      least = d3.min(there, (row) => best?.status[row]),
+      good = there.filter((row) => best?.status[row] === least);
+    if (best) return `${best.id}:${good[Math.floor(good.length / 2)]}`;
   }
   return "";
 }
