@@ -19,6 +19,7 @@ from .codimension_two import CurvePoint, CurveTest, GrazingCoincides, StopCoinci
 from .extended_system import (
     ExtendedSystem,
     OrbitEvent,
+    OrbitPoint,
     Orbits,
     OrbitTest,
     SystemEvaluation,
@@ -39,6 +40,11 @@ class NeimarkSacker(OrbitTest):
 
     def of(self, orbits: Orbits) -> Array:
         return neimark_sacker(orbits.products)[:, None]
+
+    def enters(self, point: OrbitPoint, index: int) -> bool:
+        """Where an impact is at rest, multipliers are quotients of rounding: a jump there says
+        nothing."""
+        return bool(point.evaluation.resting)
 
     def accept(self, event: OrbitEvent) -> bool:
         """Two real multipliers with the product one are a neutral saddle."""

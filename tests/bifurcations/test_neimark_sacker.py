@@ -6,8 +6,10 @@ import math
 
 import pytest
 
+from contimpact.diagrams.explore import follow
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits
+from contimpact.results.scene import read_scene
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
 
@@ -52,3 +54,20 @@ def test_a_start_next_to_grazing_does_not_freeze():
     branch = continue_orbit(slow, range=(0.1, 1.0), events=("V", "FB"))
     assert len(branch) < 500
     assert {end.kind.name for end in branch.ends} == {"RANGE"}
+
+
+def test_nothing_is_missed_where_an_orbit_is_born_with_an_impact_at_rest():
+    """There multipliers are quotients of rounding; det M = exp(-c T) < 1 all along the branch."""
+    scene = {
+        "name": "born at rest",
+        "model": {
+            "system": "soft-stop",
+            "parameters": {"k": 1, "c": 0.1, "a": 1, "e": 0.5, "k_b": 20, "c_b": 0, "omega": 1.8},
+        },
+        "follow": {"parameter": "omega", "range": [1.6, 1.9], "orbits": ["0"], "switch": ["G"]},
+        "detect": {"events": ["NS", "G", "V"]},
+    }
+    diagram = follow(read_scene(scene))
+    assert [branch.notation for branch in diagram] == ["0", "1:1"]
+    assert [branch.missed for branch in diagram] == [[], []]
+    assert not [entry for entry in diagram.entries if entry.kind == "NS"]
