@@ -215,7 +215,7 @@ def _machine(model: Model | None) -> dict[str, Any] | None:
         guard.name: {
             "side": guard.side,
             "row": guard.row(model.DEGREES_OF_FREEDOM),
-            "soft": _gives_way(guard, model.WALLS),
+            "soft": _gives_way(guard, model),
             "rigid": guard.rigid,
         }
         for guard in model.WALLS
@@ -223,13 +223,13 @@ def _machine(model: Model | None) -> dict[str, Any] | None:
     return dataclasses.asdict(model.GEOMETRY) | {"guards": guards}
 
 
-def _gives_way(guard: Guard, guards: Sequence[Guard]) -> bool:
-    """Whether a guard begins a contact that another one ends at the same surface."""
-    return not guard.rigid and any(
+def _gives_way(guard: Guard, model: Model) -> bool:
+    """Whether a guard begins a contact, from the first mode, that another ends at its surface."""
+    return model.first_mode in guard.modes and any(
         (other.coordinate, other.side) == (guard.coordinate, -guard.side)
         and guard.next_mode in other.modes
-        and guard.next_mode != guard.modes[0]
-        for other in guards
+        and guard.next_mode != model.first_mode
+        for other in model.WALLS
     )
 
 

@@ -19,6 +19,8 @@ from contimpact.results.diagram import Diagram
 from contimpact.results.scene import read_scene
 from contimpact.simulation.files import sweep_text
 from contimpact.simulation.sweep import sweep
+from contimpact.systems.belt import Belt
+from contimpact.systems.soft_stop import SoftStop
 
 TYPES = {"f8": "<f8", "f4": "<f4", "u4": "<u4", "u1": "u1"}
 
@@ -263,3 +265,28 @@ def test_areas_of_a_panel(small_map, small_scene):
     assert area["polygon"] == [[list(point) for point in small_map.areas[0].polygon[0]]]
     assert area["doubt"] == "0.3, 0.2: nothing stable"
     assert area["orbits"] == [{"notation": "1:1", "ends": "PD"}]
+
+
+def test_what_a_machine_is_drawn_with(small_scene):
+    """From its class; nothing where coordinates are no displacements."""
+
+    def machine(model):
+        return page_data(Diagram("x", []), model, PageView("x"))["machine"]
+
+    pair = machine(small_scene.model)
+    assert (pair["direction"], list(pair["contained"])) == ("beta", [(0, -1)])
+    assert [pair["guards"][wall]["side"] for wall in "BT"] == [1, -1]
+    soft = machine(SoftStop(a=1.0, omega=0.9, c=0.1, k=1.0, e=0.5, k_b=20.0, c_b=0.3))["guards"]
+    assert {name: guard["soft"] for name, guard in soft.items()} == {"C": True, "R": False}
+    assert machine(Belt(a=0.2, omega=1.3, c=0.1, V=0.3, mu_0=0.4)) is None
+    assert machine(None) is None
+
+
+def test_a_sweep_alone_has_its_own_parameters(small_scene, tmp_path):
+    table = tmp_path / "sweep.csv"
+    table.write_text(sweep_text(sweep(small_scene.model, "s", [0.39, 0.38])), encoding="utf-8")
+    found = read_sweep(table, small_scene.model)
+    data = page_data(Diagram("x", []), small_scene.model, PageView("d"), found)
+    assert (data["parameter"], data["varying"]) == ("s", ["s", "d"])
+    assert data["fixed"]["beta"] == small_scene.model["beta"]
+    assert not {"s", "d", "gbar"} & set(data["fixed"])
