@@ -23,6 +23,9 @@ from .terminal import say
 if TYPE_CHECKING:
     from ..systems.membrane import Membrane
 
+VELOCITY = "velocity"
+"""The quantity that attractors are drawn with."""
+
 
 def command(options: argparse.Namespace) -> int:
     """Draw a diagram again; returns the exit status."""
@@ -44,18 +47,26 @@ def command(options: argparse.Namespace) -> int:
 
 
 def _draw(folder: Path, target: Path, kind: str, options: argparse.Namespace) -> None:
-    """Draw the diagram in a folder to a file."""
-    diagram = load_diagram(folder)
+    """Draw the diagram in a folder to a file, of a simulation with its attractors."""
+    simulated = is_there(folder / "sweep.csv")
+    diagram = _diagram_in(folder, systems_of(options.system))
     plot, model, membrane = _drawing_options(folder, diagram, systems_of(options.system))
     chosen = _plot_choices(plot, diagram, options)
     if kind not in FORMATS:
         accepted = f"accepted are {', '.join(FORMATS)}, html"
         raise InputError(str(target), f"format {kind!r}", accepted)
-    from ..plots.diagram import plot_diagram, write_figure
+    from ..plots.diagram import heading, plot_diagram, write_figure, write_heading
 
-    unit = model.unit(chosen["x"]) if model else ""
     y = options.y or plot.y
-    ax = plot_diagram(diagram, y=y, unit=unit, membrane=membrane, labels=plot.labels, **chosen)
+    chosen |= {"unit": model.unit(chosen["x"]) if model else "", "labels": plot.labels}
+    if simulated and model is not None and y == VELOCITY:
+        from ..plots.attractors import plot_sweep
+        from ..simulation.files import sweep_of
+
+        ax = plot_sweep(sweep_of(folder / "sweep.csv", model), diagram=diagram, **chosen)
+        write_heading(ax.figure, heading(diagram))
+    else:
+        ax = plot_diagram(diagram, y=y, membrane=membrane, **chosen)
     write_figure(ax.figure, target, kind, diagram.name)
     for unknown in diagram.reading.unknown:
         say(sentence_of(unknown))
@@ -70,11 +81,7 @@ def draw_page(folder: Path, target: Path, options: argparse.Namespace | None = N
     from ..page.document import write_page
 
     systems = systems_of(options.system) if options else {}
-    given = _names_its_scene(folder)
-    if given and not is_there(folder / "catalogue.json"):  # a simulation without branches
-        diagram = Diagram(_scene_of(folder, systems).name, [])
-    else:
-        diagram = load_diagram(folder)
+    given, diagram = _names_its_scene(folder), _diagram_in(folder, systems)
     plot, model, _ = _drawing_options(folder, diagram, systems)
     chosen = _plot_choices(plot, diagram, options) if options else {}
     shown = PageView(plot.x, plot.xlim, plot.ylim, plot.unphysical)
@@ -86,6 +93,13 @@ def draw_page(folder: Path, target: Path, options: argparse.Namespace | None = N
         shown = dataclasses.replace(shown, source=source, remarks=remarks)
     shown = dataclasses.replace(shown, **chosen)
     write_page(diagram, model, folder, shown, target)
+
+
+def _diagram_in(folder: Path, systems: Mapping[str, type[Model]]) -> Diagram:
+    """The diagram in a folder; one without branches of a simulation that followed none."""
+    if _names_its_scene(folder) and not is_there(folder / "catalogue.json"):
+        return Diagram(_scene_of(folder, systems).name, [])
+    return load_diagram(folder)
 
 
 def _plot_choices(

@@ -37,10 +37,18 @@ def command(options: argparse.Namespace) -> int:
         telling(scene.name, options.quiet) as tell,
         hold_folder(options.output, folders=TABLES) as folder,
     ):
-        result = simulate(scene, folder, resume=options.resume, progress=tell)
-        interruption.happened = result.interrupted is not None
-        with defer_interruptions(interruption):
-            _write(result, folder, options, began, tell, interruption)
+
+        def write(result: Simulation) -> None:
+            """Write what there is; an interruption ends the drawing, and then what comes after."""
+            with defer_interruptions(interruption):
+                _write(result, folder, options, began, tell, interruption)
+            if interruption.happened and not ended:
+                raise KeyboardInterrupt
+
+        ended = False
+        result = simulate(scene, folder, resume=options.resume, progress=tell, show=write)
+        ended, interruption.happened = True, False
+        write(result)
     if not options.quiet:
         _report_simulation(result, folder)
     if result.interrupted:
@@ -62,7 +70,7 @@ def _write(
 ) -> None:
     """Write everything a simulation leaves behind, the manifest last.
 
-    An interruption leaves pictures out.
+    An interruption meanwhile leaves pictures out.
     """
     scene, left_out = result.scene, result.scene.left_out(simulated=True)
     if scene.simulate is not None and not scene.simulate.branches:
@@ -84,6 +92,8 @@ def _write(
                 left_out.append("page: the run was interrupted; contimpact plot --html draws it")
         if options.no_plot or not scene.plot.formats:
             left_out.append("pictures: not asked for, matplotlib is not imported")
+        elif not result.sweep.rows:
+            left_out.append("pictures: the run was interrupted before the sweep")
         else:
             drawing = time.perf_counter()
             if not draw_pictures(interruption, files, tell, lambda: _save_pictures(result, files)):

@@ -7,7 +7,9 @@ depend on the seed and the value's number.
 
 from __future__ import annotations
 
+import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -43,7 +45,8 @@ if TYPE_CHECKING:
     from ..simulation.basins import Basins, Coverage
     from ..simulation.simulator import Simulator
 
-STAGES = ("branches", "sweep", "random", "transitions", "coverage", "portraits", "basins")
+STAGES = ("branches", "sweep", "random", "swept", "transitions", "coverage", "portraits", "basins")
+"""After `swept` there are pictures: what follows may take long."""
 
 
 @dataclass
@@ -85,7 +88,12 @@ class Simulation:
 
 
 def simulate(
-    scene: Scene, folder: Path, *, resume: bool = False, progress: Progress | None = None
+    scene: Scene,
+    folder: Path,
+    *,
+    resume: bool = False,
+    progress: Progress | None = None,
+    show: Callable[[Simulation], None] | None = None,
 ) -> Simulation:
     """Simulate a scene.
 
@@ -101,19 +109,28 @@ def simulate(
         Whether to go on from what is kept there.
     progress : callable, optional
         Called with a line of text now and then.
+    show : callable, optional
+        Called with the sweeps before transitions between them are located, which may take long.
 
     Returns
     -------
     Simulation
         After an interruption from the keyboard, what was done until then.
     """
-    return _Director(scene, folder, resume, progress or ignore_progress).run()
+    return _Director(scene, folder, resume, progress or ignore_progress, show).run()
 
 
 class _Director:
-    def __init__(self, scene: Scene, folder: Path, resume: bool, progress: Progress) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        folder: Path,
+        resume: bool,
+        progress: Progress,
+        show: Callable[[Simulation], None] | None,
+    ) -> None:
         assert scene.simulate is not None
-        self.scene, self.progress = scene, progress
+        self.scene, self.progress, self.show = scene, progress, show
         self.options: SimulateOptions = scene.simulate
         kernels = Kernels(scene.model, scene.parameter)
         if self.options.losses:
@@ -199,15 +216,29 @@ class _Director:
 
     # What follows from them.
 
+    def changes(self) -> list[tuple[Row, Row]]:
+        """The neighbouring rows between which transitions are to be located."""
+        asked = self.options.transitions
+        pairs = all_changes(self.result.sweep) if asked else []
+        if isinstance(asked, bool):
+            return pairs
+        return [pair for pair in pairs if {row.attractor.period for row in pair} & {*asked}]
+
+    def swept(self) -> None:
+        """Show the sweeps, unless all transitions are known."""
+        left = [pair for pair in self.changes() if _key_of(pair) not in self.kept.changes]
+        if left and self.show is not None:
+            self.result.interrupted = "transitions"  # if nothing follows
+            self.show(self.result)
+            self.result.interrupted = None
+
     def transitions(self) -> None:
-        if not self.options.transitions:
-            return
         sweep, diagram = self.result.sweep, self.result.diagram
-        pairs = all_changes(sweep)
-        clock = _Clock("transitions", len(pairs), self.progress)
+        pairs = self.changes()
+        clock = _Clock("transitions", len(pairs), self.progress, self.seconds_each())
         simulators = _ReportedSimulators(self.simulators, clock)
         for before, after in pairs:
-            key = (after.direction, after.value)
+            key = _key_of((before, after))
             if key not in self.kept.changes:
                 found = transitions_between(
                     simulators, before, after, self.options.width, self.options.settling
@@ -220,6 +251,13 @@ class _Director:
                 explain_transition(t, diagram, sweep) if diagram else t
                 for t in self.kept.changes[key]
             ]
+
+    def seconds_each(self) -> float:
+        """How long it takes to locate a transition, by the time for a value of the sweep."""
+        values = max(len(self.result.sweep.rows) - self.result.resumed, 1)
+        span = (self.values[-1] - self.values[0]) / max(len(self.values) - 1, 1)
+        halvings = math.log2(max(span / self.options.width, 1.0))
+        return halvings * self.result.seconds.get("sweep", 0.0) / values
 
     def coverage(self) -> None:
         if self.result.diagram is not None:
@@ -269,30 +307,40 @@ class _Director:
             )
 
 
-class _Clock:
-    """Progress of a stage, with an estimate of the time left; also before its first piece."""
+def _key_of(pair: tuple[Row, Row]) -> tuple[str, float]:
+    """What a change between two rows is known by."""
+    return pair[1].direction, pair[1].value
 
-    def __init__(self, stage: str, total: int, progress: Progress) -> None:
+
+class _Clock:
+    """Progress of a stage, with an estimate of the time left: from the pieces done, or from the
+    seconds that each is expected to take."""
+
+    def __init__(self, stage: str, total: int, progress: Progress, each: float = 0.0) -> None:
         self.stage, self.total, self.progress = stage, total, progress
-        self.done, self.timed = 0, 0
+        self.done, self.timed, self.each = 0, 0, each
         self.began = time.perf_counter()
         if total:
-            progress(f"{stage}: 0 of {total}")
+            progress(self.place)
+
+    @property
+    def place(self) -> str:
+        """How far it is, and how long the rest takes."""
+        each = (time.perf_counter() - self.began) / self.timed if self.timed else self.each
+        left = f", about {each * (self.total - self.done):.0f} s left" if each else ""
+        return f"{self.stage}: {self.done} of {self.total}{left}"
 
     def skip(self, count: int) -> None:
         self.done += count
 
     def working(self, text: str) -> None:
-        """Tell what is done for the next piece; how long that takes is not known."""
-        self.progress(f"{self.stage}: {self.done} of {self.total}; {text}")
+        """Tell what is done for the next piece."""
+        self.progress(f"{self.place}; {text}")
 
     def tick(self, text: str) -> None:
         self.done += 1
         self.timed += 1
-        each = (time.perf_counter() - self.began) / self.timed
-        left = each * (self.total - self.done)
-        place = f"{self.stage}: {self.done} of {self.total}"
-        self.progress(f"{place}, about {left:.0f} s left; {text}")
+        self.progress(f"{self.place}; {text}")
 
 
 class _ReportedSimulators(Simulators):

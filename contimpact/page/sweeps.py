@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import base64
-import csv
-import io
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -15,12 +13,10 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..errors import InputError, printable
+from ..errors import printable
 from ..models.model import Model
-from ..results.catalogue import check_reading
+from ..results.catalogue import SWEEP, check_reading, sweep_cells
 from ..results.tables import coordinates
-from ..storage.files import read_bounded
-from ..storage.texts import unescape_text
 
 # Numbers and texts as a page embeds them: compact, exact, and nothing but data.
 
@@ -59,7 +55,6 @@ def script_json(value: Any) -> str:
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
-SWEEP = "contimpact.sweep/1"
 LAST = 40
 """Impacts shown of a motion that is not periodic."""
 
@@ -114,17 +109,11 @@ def read_sweep(path: Path, model: Model) -> list[SweepSeries]:
 
     Raises InputError if the file is not of this schema, damaged, or of another system.
     """
+    _, table = sweep_cells(path)
     with check_reading(path, SWEEP):
-        head, _, table = read_bounded(path).decode().partition("\n")
-        found = json.loads(head.removeprefix("# ")).get("schema")
-        if found != SWEEP:
-            raise InputError(str(path), f"its schema is {found!r}", f"give {SWEEP!r}")
-        if not table.endswith("\n"):
-            raise ValueError("cut short")
         groups: dict[tuple[str, ...], list[_Row]] = {}
-        names, *lines = csv.reader(io.StringIO(table))
-        for line in lines:
-            row = _row(dict(zip(names, map(unescape_text, line), strict=True)), model)
+        for cells in table:
+            row = _row(cells, model)
             groups.setdefault(row.key(), []).append(row)
         return [_join_rows(rows, model) for rows in groups.values()]
 

@@ -26,7 +26,15 @@ from ..arrays import Array
 from ..continuation.ends import End, EndKind
 from ..errors import InputError
 from ..models.word import LONGEST_WORD
-from ..storage.files import LARGEST_RECORD, Content, check_length, open_plain, reason, write_all
+from ..storage.files import (
+    LARGEST_RECORD,
+    Content,
+    check_length,
+    open_plain,
+    read_bounded,
+    reason,
+    write_all,
+)
 from ..storage.texts import (
     DAMAGE,
     Json,
@@ -92,6 +100,26 @@ def check_reading(path: Path, schema: str) -> Iterator[None]:
         raise InputError(
             str(path), f"damaged ({type(error).__name__}: {error})", f"give a file of {schema!r}"
         ) from None
+
+
+SWEEP = "contimpact.sweep/1"
+
+
+def sweep_cells(path: Path) -> tuple[str, list[dict[str, str]]]:
+    """Return what ``sweep.csv`` holds: the swept parameter, and the cells of each row by column.
+
+    Raises InputError if the file is not of this schema or damaged.
+    """
+    with check_reading(path, SWEEP):
+        head, _, table = read_bounded(path).decode().partition("\n")
+        found = json.loads(head.removeprefix("# "))
+        if found.get("schema") != SWEEP:
+            raise InputError(str(path), f"its schema is {found.get('schema')!r}", f"give {SWEEP!r}")
+        if not table.endswith("\n"):
+            raise ValueError("cut short")
+        names, *lines = csv.reader(io.StringIO(table))
+        rows = [dict(zip(names, map(unescape_text, line), strict=True)) for line in lines]
+        return str(found.get("parameter", "")), rows
 
 
 # Entries.

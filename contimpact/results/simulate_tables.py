@@ -61,8 +61,9 @@ class SimulateOptions:
     starts: int = 0
     """Random starts at each value, besides the sweep's own."""
     seed: int = 0
-    transitions: bool = True
-    """Whether to bisect in the parameter where the attractor changes."""
+    transitions: bool | tuple[int, ...] = True
+    """Whether to bisect in the parameter where the attractor changes; or the periods of motions of
+    which the changes are located."""
     width: float = 1e-6
     """Width to which transitions are bisected, in the parameter's unit."""
     branches: bool = False
@@ -146,7 +147,7 @@ def read_simulate(
         _settling(table),
         table.whole("starts", 0, least=0, most=MOST_STARTS),
         table.whole("seed", 0, least=0, most=LARGEST_SEED),
-        table.truth("transitions", True),
+        _transitions(table),
         _positive_number(table, "width", 1e-6 * (high - low)),
         table.truth("branches", False),
         points["portraits"],
@@ -157,6 +158,16 @@ def read_simulate(
     )
     table.finish()
     return options
+
+
+def _transitions(table: Table) -> bool | tuple[int, ...]:
+    accepted = "true, false, or a list of periods such as [1, 2]"
+    value = table.take("transitions", True, accepted)
+    if isinstance(value, bool):
+        return value
+    if not isinstance(value, list) or not all(type(p) is int and p > 0 for p in value):
+        raise table.refuse("transitions", value, accepted)
+    return tuple(dict.fromkeys(value))
 
 
 def _positive_number(table: Table, key: str, default: float) -> float:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import math
 from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import asdict
 from pathlib import Path
@@ -24,6 +25,7 @@ from ..results.branch import Branch, Entry, model_by_name, orbit_with
 from ..results.catalogue import (
     BRANCH,
     CURVE,
+    SWEEP,
     branch_text,
     check_reading,
     curve_text,
@@ -31,13 +33,14 @@ from ..results.catalogue import (
     load_diagram,
     read_branch,
     read_curve,
+    sweep_cells,
     write_diagram,
 )
 from ..results.curve import Curve
 from ..results.diagram import Diagram
 from ..storage.files import append, is_there, read_bounded, reason, write_text
 from ..storage.texts import DAMAGE, Json, build_record, csv_text, fit_value, json_line, json_text
-from .attractor import Attractor
+from .attractor import Attractor, Kind
 from .run import Outcome, Run, State
 from .sweep import WRITTEN, Row, Sweep, table_of
 
@@ -54,7 +57,6 @@ if TYPE_CHECKING:
 # The other files are contracts, with a schema name and number each: ``sweep.csv``,
 # ``transitions.json``, ``coverage.json``, ``losses.csv`` and ``energy.csv``.
 
-SWEEP = "contimpact.sweep/1"
 ROWS = "contimpact.rows/1"
 TRANSITIONS = "contimpact.transitions/1"
 COVERAGE = "contimpact.coverage/1"
@@ -212,6 +214,38 @@ def sweep_text(sweep: Sweep) -> str:
     columns, rows = table_of(sweep)
     head = json.dumps({"schema": SWEEP, "parameter": sweep.parameter})
     return f"# {head}\n" + csv_text(columns, rows)
+
+
+def sweep_of(path: Path, model: Model) -> Sweep:
+    """Return the sweep of ``sweep.csv`` with what pictures show of its attractors: kinds, names,
+    periods, and the impacts that the table keeps.
+
+    Raises InputError if the file is damaged, or of another system.
+    """
+    parameter, table = sweep_cells(path)
+    with check_reading(path, SWEEP):
+        rows = [_attractor_row(cells, model, parameter) for cells in table]
+    return Sweep(model, parameter, rows)
+
+
+def _attractor_row(cells: Mapping[str, str], model: Model, parameter: str) -> Row:
+    values = {name: float(cells[name]) for name in (*model.values, *model.DERIVED)}
+    count = sum(bool(cells.get(f"wall{k + 1}")) for k in range(WRITTEN))
+    walls = [cells[f"wall{k + 1}"] for k in range(count)]
+    times, velocities = ([float(cells[f"{n}{k + 1}"]) for k in range(count)] for n in "tv")
+    attractor = Attractor(
+        Kind(cells["kind"]),
+        values,
+        cells["notation"],
+        math.nan,
+        cells["word"] or None,
+        int(cells["period"]) if cells["period"] else None,
+        np.array([model.letters.index(wall.rstrip("*")) for wall in walls], dtype=np.int8),
+        np.array(times),
+        np.array(velocities),
+        np.array([wall.endswith("*") for wall in walls], dtype=bool),
+    )
+    return Row(cells["direction"], values[parameter], attractor)
 
 
 def transitions_text(transitions: Sequence[Transition], parameter: str, width: float) -> str:

@@ -101,6 +101,48 @@ def test_branches_energy_and_pictures(scene_file, tmp_path):
     assert set(manifest["files"]) <= {str(p.relative_to(out)) for p in out.rglob("*")}
 
 
+def test_the_sweep_is_shown_before_its_transitions_are_located(scene_file, tmp_path, monkeypatch):
+    """Pictures and tables are there when the first transition is sought, and stay where the
+    keyboard ends it; `plot` draws the attractors again."""
+    out = tmp_path / "out"
+    there = []
+
+    def interrupted(*given):
+        there.extend(path.name for path in out.iterdir())
+        manifest = json.loads((out / "manifest.json").read_text(encoding="utf-8"))
+        assert manifest["interrupted"] == "transitions"
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(scene_simulation, "transitions_between", interrupted)
+    assert run(scene_file(SCENE.replace("both", "down")), "-o", out, "-q") == 1
+    wanted = {"attractors.png", "exponents.png", "sweep.csv", "manifest.json"}
+    assert wanted <= set(there)
+    assert wanted <= {path.name for path in out.iterdir()}
+    assert cli.main(["plot", str(out), "-o", str(tmp_path / "again.png")]) == 0
+    assert (tmp_path / "again.png").stat().st_size > 10_000
+
+
+@pytest.mark.full
+def test_transitions_of_the_periods_asked_for(scene_file, tmp_path):
+    """Only changes from or to one of them are located; the other rows are the same."""
+    found = {}
+    for periods in ("true", "[2]", "[7]"):
+        out = tmp_path / periods.strip("[]")
+        text = SCENE.replace("both", "down").replace("width", f"transitions = {periods}\nwidth")
+        assert run(scene_file(text), "-o", out, "-q", "--no-plot") == 0
+        listed = json.loads((out / "transitions.json").read_text(encoding="utf-8"))
+        found[periods] = [t["label"] for t in listed["transitions"]]
+    assert found["true"][0] == found["[2]"][0] == "PD[1:1->1:1/2T]"
+    assert len(found["[2]"]) <= len(found["true"])
+    assert found["[7]"] == []
+
+
+def test_periods_of_transitions_are_whole_numbers():
+    text = SCENE.replace("width", "transitions = [1, 0.5]\nwidth")
+    with pytest.raises(InputError, match=r"simulate\.transitions: .*a list of periods"):
+        read_scene(tomllib.loads(text))
+
+
 @pytest.mark.parametrize("after", [2, 9, 14])
 @pytest.mark.full
 def test_interrupted_and_resumed(scene_file, tmp_path, monkeypatch, capsys, after):
