@@ -26,13 +26,13 @@ FILES = {
 }
 """Every module of the package, by its dotted name."""
 
-PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "development" / "architecture.md").read_text(encoding="utf-8")
 ROW = re.compile(r"^\| `(\w+)` \| (.*) \|$", re.MULTILINE)
 PACKAGES = {
     name: set(re.findall(r"`(\w+)`", others))
     for name, others in ROW.findall(PAGE.split("<!-- table of imports -->")[1].split("\n\n", 2)[1])
 }
-"""The packages, and which others the modules of each may import, as docs/architecture.md says."""
+"""The packages, and which others the modules of each may import, as the page says."""
 
 FOR_ALL = {"contimpact", *(f"contimpact.{n}" for n in ("arrays", "display", "errors", "progress"))}
 """What any package may import as well."""

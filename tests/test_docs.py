@@ -15,6 +15,7 @@ from zoo import ROOT
 
 PAGES = [
     *sorted(ROOT.glob("docs/*.md")),
+    *sorted(ROOT.glob("docs/development/*.md")),
     *sorted(ROOT.glob("docs/figures/*.md")),
     *sorted(ROOT.glob("branches/*.md")),
     *sorted(ROOT.glob("paper/*.md")),

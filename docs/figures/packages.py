@@ -2,7 +2,7 @@
 
     python docs/figures/packages.py
 
-Packages and arrows are those of the table in docs/architecture.md.
+Packages and arrows are those of the table in docs/development/architecture.md.
 """
 
 import math
@@ -101,7 +101,7 @@ def draw(packages: Mapping[str, set[str]], path: Path) -> None:
 
 
 if __name__ == "__main__":
-    page = (HERE.parent / "architecture.md").read_text(encoding="utf-8")
+    page = (HERE.parent / "development/architecture.md").read_text(encoding="utf-8")
     packages = allowed(page)
     packages.pop("mechanics")
     draw(packages, HERE / "packages.svg")
