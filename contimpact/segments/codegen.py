@@ -312,13 +312,25 @@ def share_steps(expressions: Sequence[Any], letter: str) -> tuple[list[tuple[Any
     """Expressions by the steps that they have in common, named by a letter.
 
     Factors are taken out first, but not of linear flights: there that takes longer than all the
-    rest, and saves nothing beside the exponential of a matrix.
+    rest, and saves nothing beside the exponential of a matrix. What flights are integrated from is
+    kept apart: written in two ways, one flight would be integrated twice.
     """
     symbols = (primed_symbol(f"{letter}{i}") for i in itertools.count())
     linear = any(e.has(MeanFlow, EndFlow) for e in expressions)
     factored = None if linear else "basic"
-    found: Any = sympy.cse(expressions, symbols=symbols, optimizations=factored, order="none")
-    return found
+    calls = sorted(set().union(*(e.atoms(Flown) for e in expressions)), key=str)
+    given = [e for e in dict.fromkeys(a for call in calls for a in call.args[4:]) if not e.is_Atom]
+    held = {e: primed_symbol(f"held{i}") for i, e in enumerate(given)}
+    apart = {call: call.func(*(held.get(a, a) for a in call.args)) for call in calls}
+    steps, values = sympy.cse(
+        [*given, *(e.xreplace(apart) for e in expressions)],
+        symbols=symbols,
+        optimizations=factored,
+        order="none",
+    )
+    known = dict(zip(held.values(), values, strict=False))
+    values = [e.xreplace(known) for e in values[len(given) :]]
+    return [(symbol, e.xreplace(known)) for symbol, e in steps], values
 
 
 def extract_loops(outputs: Any) -> tuple[Any, list[str]]:

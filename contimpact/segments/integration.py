@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import importlib.util
 import math
+import sys
 import types
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
@@ -82,6 +83,23 @@ def require() -> None:
         raise NotInstalledError("system", found, "pip install contimpact[ode]")
 
 
+@functools.cache
+def _heyoka() -> Any:
+    """heyoka, without SymPy unless that is there already.
+
+    It imports SymPy for a conversion that nobody asks for here, which takes longer than all else.
+    """
+    hidden = "sympy" not in sys.modules
+    if hidden:
+        sys.modules["sympy"] = None  # type: ignore[assignment]
+    try:
+        import heyoka
+    finally:
+        if hidden:
+            del sys.modules["sympy"]
+    return heyoka
+
+
 class Integrator:
     """The flow of a field, compiled.
 
@@ -98,9 +116,7 @@ class Integrator:
 
     def __init__(self, field: str, directions: tuple[str, ...], degree: int, bits: int) -> None:
         require()
-        import heyoka as hy
-
-        self.hy = hy
+        self.hy = hy = _heyoka()
         self.stated, self.directions, self.degree = statement(field), directions, degree
         self.bits = bits
         system, keys = self._equations()
@@ -722,9 +738,7 @@ def multiprecision_functions(ctx: Any) -> dict[str, Callable[..., Any]]:
     """Return the same functions for the numbers of an mpmath context."""
 
     def real(x: Any) -> Any:
-        import heyoka
-
-        return heyoka.real(ctx.nstr(ctx.mpf(x), ctx.dps + 5, strip_zeros=False), ctx.prec)
+        return _heyoka().real(ctx.nstr(ctx.mpf(x), ctx.dps + 5, strip_zeros=False), ctx.prec)
 
     def back(x: Any) -> Any:
         return ctx.mpf(str(x))

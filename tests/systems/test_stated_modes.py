@@ -20,6 +20,7 @@ from contimpact.errors import InputError
 from contimpact.models.stated_modes import StatedMode
 from contimpact.results.scene import read_scene
 from contimpact.segments.checking import check_model
+from contimpact.segments.kernels import Kernels
 
 BRANCHES = Path(__file__).parents[2] / "branches"
 EXACT = {"rtol": 1e-13, "atol": 1e-13, "method": "DOP853"}
@@ -439,6 +440,13 @@ def test_an_orbit_that_sticks_twice_is_that_of_dop853():
 
 
 # PWSDDE-cont's two-degree-of-freedom impact Duffing oscillator.
+
+
+@pytest.mark.parametrize("ends", ["UD", "DU"])
+def test_a_flight_is_integrated_once_however_its_start_is_written(ends):
+    """The reset's linear combinations can be factored in several ways."""
+    kernels = Kernels(shipped("impact_duffing"), "omega")
+    assert kernels.flight(*ends).text.count("flown(") == 1
 
 
 @pytest.mark.slow
