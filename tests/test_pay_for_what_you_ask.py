@@ -324,3 +324,39 @@ def test_switching_loads_the_longer_words_kernels_alone(measured):
     assert {"flight_B_B"} <= set(found["loaded"])
     assert "flight_T_T" not in found["loaded"]
     assert not any(name.startswith("second") for name in found["loaded"])
+
+
+def test_integrating_imports_no_sympy():
+    """heyoka would, for a conversion of expressions that nobody asks for."""
+    pytest.importorskip("heyoka")
+    text = (
+        "import sys; from contimpact.segments.integration import flown; "
+        "assert abs(flown(': -x0', '', 1.0, 0.0, 1.0, 0.0)[1] + 0.8414709848078965) < 1e-15; "
+        "assert 'heyoka' in sys.modules and 'sympy' not in sys.modules; import sympy; sympy.Symbol"
+    )
+    subprocess.run([sys.executable, "-c", text], check=True)
+
+
+@pytest.mark.parametrize("laps", [1, 4])
+def test_second_derivatives_are_of_the_unknowns_at_a_flights_ends(laps):
+    """Along all unknowns in turn: five for each flight, whatever the others. They are not evaluated
+    for a residual alone."""
+    import numpy as np
+
+    import contimpact as ci
+    from contimpact.bifurcations.extended_system import Crossing
+    from contimpact.models.word import Word
+    from contimpact.orbits.problem import OrbitProblem
+    from contimpact.segments.kernels import Kernels
+
+    model = ci.ImpactPair(beta=0.5, r=0.3, A=5.0, s=0.3)
+    problem = OrbitProblem(model, Word("BT" * laps, laps), Kernels(model, "s"))
+    times = np.linspace(0.1, 2.0 * laps, 2 * laps, endpoint=False)
+    rows = np.column_stack([times, np.resize([-0.5, 0.6], 2 * laps)])
+    here = problem.evaluate(np.append(rows.ravel(), 0.3))
+    evaluated = problem.kernel_evaluations
+    system = Crossing(problem)
+    at = system.assemble(here, system.start(here))
+    assert problem.kernel_evaluations == evaluated
+    assert at.jacobian.shape == (2 * problem.n + 2,) * 2
+    assert problem.kernel_evaluations == evaluated + 5 * 2 * laps

@@ -52,8 +52,7 @@ class BranchPoint(OrbitTest):
     def locate(
         self, problem: Problem[Linearisation], guess: OrbitPoint, index: int
     ) -> Location | None:
-        system = Crossing(guess.evaluation.problem)
-        found = located(system, guess, lambda solution: unfolding_of(system, solution))
+        found = located(Crossing(guess.evaluation.problem), guess, unfolding_of)
         return found if found is not None and branches_cross(found.details) else None
 
     def accept(self, event: OrbitEvent) -> bool:

@@ -22,6 +22,7 @@ its solutions are a curve. FB and PD after Seydel (1979), BP after Moore (1980).
 
 from __future__ import annotations
 
+import functools
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -175,8 +176,14 @@ class SystemEvaluation:
 
     residual: Array
     """Shape (q,)."""
-    jacobian: Array
-    """Columns by the orbit's unknowns and parameters, then by the system's own unknowns."""
+    derivatives: Array | Callable[[], Array]
+    """The Jacobian, or what makes it where second derivatives of flights make it dear: the last
+    iterate is seen to be one by its residual alone."""
+
+    @functools.cached_property
+    def jacobian(self) -> Array:
+        """Columns by the orbit's unknowns and parameters, then by the system's own unknowns."""
+        return self.derivatives() if callable(self.derivatives) else self.derivatives
 
 
 class ExtendedSystem(ABC):
@@ -208,25 +215,53 @@ class ExtendedSystem(ABC):
 
 @dataclass(frozen=True)
 class Solution:
-    """A solved square system: the orbit, the system's own unknowns, its largest residual, and a
-    bound of the parameter's error."""
+    """A solved square system: the orbit, and the system's own unknowns."""
 
+    system: ExtendedSystem
     here: Linearisation
-    unknowns: Array
     own: Array
-    residual: float
-    error: float
+    at: SystemEvaluation
+
+    @property
+    def unknowns(self) -> Array:
+        """The orbit's."""
+        return self.here.unknowns
+
+    @property
+    def residual(self) -> float:
+        """The largest one."""
+        return float(np.max(np.abs(self.at.residual)))
+
+    @property
+    def error(self) -> float:
+        """A bound of the parameter's error."""
+        return self.error_of(len(self.unknowns) - 1)
+
+    def error_of(self, place: int) -> float:
+        """Bound the error of an unknown; infinite where it has no bound.
+
+        Its row of the inverse Jacobian against residual and rounding, both taken at their largest:
+        what cannot be told from zero in double precision.
+        """
+        try:
+            row = np.linalg.solve(self.at.jacobian.T, np.eye(len(self.at.residual))[place])
+            return float(np.abs(row) @ self._off)
+        except (ArithmeticError, ValueError, np.linalg.LinAlgError):
+            return float("inf")
+
+    @functools.cached_property
+    def _off(self) -> Array:
+        rounding_errors = self.system.rounding(self.here, self.own)
+        return FIRST_ORDER * np.abs(self.at.residual) + rounding_errors
 
 
-def solve(system: ExtendedSystem, here: Linearisation) -> Solution | None:
+def solve(system: ExtendedSystem, here: Linearisation, far: float = FAR) -> Solution | None:
     """Solve a system with one free parameter to rounding; None if Newton's iteration fails.
 
     It fails where it leaves the surroundings of its guess, be it for another event further away.
-    The error of the parameter is its row of the inverse Jacobian against residual and rounding,
-    both taken at their largest: what cannot be told from zero in double precision.
     """
     problem, orbit = system.problem, len(here.unknowns)
-    near = _surroundings(here)
+    near = _surroundings(here, far)
     x, best = np.concatenate([here.unknowns, system.start(here)]), None
     try:
         at = system.assemble(here, x[orbit:])
@@ -244,15 +279,13 @@ def solve(system: ExtendedSystem, here: Linearisation) -> Solution | None:
             at = system.assemble(here, x[orbit:])
         if best is None or best[0] >= CONVERGED:
             return None
-        size, x, at, here = best
-        row = np.linalg.solve(at.jacobian.T, np.eye(len(x))[orbit - 1])
-        off = FIRST_ORDER * np.abs(at.residual) + system.rounding(here, x[orbit:])
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         return None
-    return Solution(here, x[:orbit], x[orbit:], size, float(np.abs(row) @ off))
+    _, x, at, here = best
+    return Solution(system, here, x[orbit:], at)
 
 
-def _surroundings(here: Linearisation) -> Callable[[Array], bool]:
+def _surroundings(here: Linearisation, far: float) -> Callable[[Array], bool]:
     """Return whether unknowns are those of an orbit like one."""
     problem, begin = here.problem, here.unknowns
     sizes, span = problem.scale(begin, np.full(problem.free, np.inf)), problem.span(begin)
@@ -260,7 +293,7 @@ def _surroundings(here: Linearisation) -> Callable[[Array], bool]:
     def near(unknowns: Array) -> bool:
         with np.errstate(invalid="ignore", over="ignore"):  # where they have diverged
             away = float(np.linalg.norm((unknowns - begin) / sizes))
-        return away < FAR and abs(problem.span(unknowns)) < FAR * span
+        return away < far and abs(problem.span(unknowns)) < FAR * span
 
     return near
 
@@ -333,15 +366,18 @@ class SingularCycle(ExtendedSystem):
         problem, n = self.problem, self.problem.n
         orbit = len(here.unknowns)
         cycle = here.cyclic(self.mu)[:, :n]
-        along = np.concatenate([own, np.zeros(orbit - n)])
-        jacobian = np.zeros((2 * n + 1, orbit + n))
-        jacobian[:n, :orbit] = here.jacobian
-        jacobian[n : 2 * n, :orbit] = problem.second_along(here.unknowns, along, self.mu)
-        jacobian[n : 2 * n, orbit:] = cycle
-        jacobian[2 * n, orbit:] = own
-        return SystemEvaluation(
-            np.concatenate([here.residual, cycle @ own, [0.5 * (own @ own - 1.0)]]), jacobian
-        )
+
+        def derivatives() -> Array:
+            along = np.concatenate([own, np.zeros(orbit - n)])
+            found = np.zeros((2 * n + 1, orbit + n))
+            found[:n, :orbit] = here.jacobian
+            found[n : 2 * n, :orbit] = problem.second_along(here.unknowns, along, self.mu)
+            found[n : 2 * n, orbit:] = cycle
+            found[2 * n, orbit:] = own
+            return found
+
+        residual = here.residual, cycle @ own, [0.5 * (own @ own - 1.0)]
+        return SystemEvaluation(np.concatenate(residual), derivatives)
 
     def rounding(self, here: Linearisation, own: Array) -> Array:
         bounds, n = rounding(here), self.problem.n
@@ -360,6 +396,10 @@ that stands upright there: their folds lie within the square of this."""
 BESIDE = 1e-3
 """How near to such a branch point a fold is not told from it."""
 
+GLANCE = 0.1
+"""How far Newton's iteration goes from a fold, as `FAR`, to see whether it is one: a branch point
+beside it is much nearer."""
+
 
 class Crossing(ExtendedSystem):
     """Two branches cross, with respect to the first free parameter; nu measures how far from it."""
@@ -373,19 +413,20 @@ class Crossing(ExtendedSystem):
         orbit = len(here.unknowns)
         nu, psi = own[0], own[1:]
         square = here.jacobian[:, : n + 1]
-        hessian = np.vstack(
-            [psi @ problem.second_along(here.unknowns, e) for e in np.eye(orbit)[: n + 1]]
-        )
-        jacobian = np.zeros((2 * n + 2, orbit + n + 1))
-        jacobian[:n, :orbit] = here.jacobian
-        jacobian[:n, orbit] = psi
-        jacobian[:n, orbit + 1 :] = nu * np.eye(n)
-        jacobian[n : 2 * n + 1, :orbit] = hessian
-        jacobian[n : 2 * n + 1, orbit + 1 :] = square.T
-        jacobian[2 * n + 1, orbit + 1 :] = 2.0 * psi
-        return SystemEvaluation(
-            np.concatenate([here.residual + nu * psi, square.T @ psi, [psi @ psi - 1.0]]), jacobian
-        )
+
+        def derivatives() -> Array:
+            found = np.zeros((2 * n + 2, orbit + n + 1))
+            found[:n, :orbit] = here.jacobian
+            found[:n, orbit] = psi
+            found[:n, orbit + 1 :] = nu * np.eye(n)
+            for i, direction in enumerate(np.eye(orbit)[: n + 1], n):
+                found[i, :orbit] = psi @ problem.second_along(here.unknowns, direction)
+            found[n : 2 * n + 1, orbit + 1 :] = square.T
+            found[2 * n + 1, orbit + 1 :] = 2.0 * psi
+            return found
+
+        residual = here.residual + nu * psi, square.T @ psi, [psi @ psi - 1.0]
+        return SystemEvaluation(np.concatenate(residual), derivatives)
 
     def rounding(self, here: Linearisation, own: Array) -> Array:
         bounds, n, psi = rounding(here), self.problem.n, own[1:]
@@ -395,22 +436,10 @@ class Crossing(ExtendedSystem):
         )
         return np.concatenate([shifted, product, [2.0 * rounding_of_length(psi)]])
 
-    def nu_error(self, solution: Solution) -> float:
-        """Bound the error of nu by its row of the inverse Jacobian, as that of the parameter."""
-        orbit = len(solution.unknowns)
-        here = self.problem.evaluate(solution.unknowns)
-        at = self.assemble(here, solution.own)
-        try:
-            row = np.linalg.solve(at.jacobian.T, np.eye(len(at.residual))[orbit])
-        except np.linalg.LinAlgError:
-            return float("inf")
-        off = FIRST_ORDER * np.abs(at.residual) + self.rounding(here, solution.own)
-        return float(np.abs(row) @ off)
 
-
-def unfolding_of(system: Crossing, solution: Solution) -> dict[str, float]:
+def unfolding_of(solution: Solution) -> dict[str, float]:
     """Return what unfolds a crossing of branches, with its error."""
-    return {"nu": float(solution.own[0]), "nu_error": system.nu_error(solution)}
+    return {"nu": float(solution.own[0]), "nu_error": solution.error_of(len(solution.unknowns))}
 
 
 def branches_cross(details: Details) -> bool:
@@ -430,38 +459,34 @@ def crossing_near(
     scale : ndarray of shape (n + 1,)
         Sizes of the unknowns, by which the distance is measured.
     """
-    orbits = guess.evaluation.problem
-    system = Crossing(orbits)
-    solution = solve(system, guess.evaluation)
+    solution = solve(Crossing(guess.evaluation.problem), guess.evaluation)
     if solution is None:
         return None
-    told = unfolding_of(system, solution)
-    sizes, _ = np.linalg.eigh(form_at(orbits, solution, scale)[0])
+    sizes, _ = np.linalg.eigh(form_at(solution, scale)[0])
     if not sizes[0] < 0.0 < sizes[1]:
         return None
+    told = unfolding_of(solution)
     own, other = abs(sizes[::-1] if told["nu"] > 0.0 else sizes).tolist()
     return Meeting(solution.unknowns, told["nu"], told["nu_error"], (own, other))
 
 
-def form_at(problem: OrbitProblem, solution: Solution, scale: Array) -> tuple[Array, Array]:
+def form_at(solution: Solution, scale: Array) -> tuple[Array, Array]:
     """Return the form psi . F_zz on the null space of a crossing, and the null vectors in rows."""
-    psi, here = solution.own[1:], problem.evaluate(solution.unknowns)
+    here, size = solution.here, len(solution.here.residual) + 1
     null = np.linalg.svd(here.jacobian * scale)[2][-2:] * scale
-    along = [psi @ problem.second_along(solution.unknowns, vector) for vector in null]
-    form = np.array([[float(row @ vector) for vector in null] for row in along])
+    second = solution.at.jacobian[size - 1 : 2 * size - 1, :size]
+    form = null @ second @ null.T
     return 0.5 * (form + form.T), null
 
 
 def stands_upright(point: OrbitPoint) -> bool:
     """Whether two branches cross at a point, one of them with the parameter at rest."""
-    problem = point.evaluation.problem
-    system = Crossing(problem)
-    solution = solve(system, point.evaluation)
-    if solution is None or not branches_cross(unfolding_of(system, solution)):
+    solution = solve(Crossing(point.evaluation.problem), point.evaluation, GLANCE)
+    if solution is None or np.max(np.abs(solution.unknowns - point.unknowns)) > BESIDE:
         return False
-    if np.max(np.abs(solution.unknowns - point.unknowns)) > BESIDE:
+    if not branches_cross(unfolding_of(solution)):
         return False
-    form, null = form_at(problem, solution, np.ones(len(point.unknowns)))
+    form, null = form_at(solution, np.ones(len(point.unknowns)))
     upright = null @ np.eye(len(point.unknowns))[-1]  # a direction at right angles to this is
     size = float(np.linalg.norm(upright))
     if size == 0.0:

@@ -697,11 +697,13 @@ class OrbitProblem:
         ends, moves = self._ends(z, arrival), self._ends(q, back)
         for segment, one, moved in zip(self.segments, ends, moves, strict=True):
             along = [*moved[0], *moved[1], *q[n:]]
-            _, leaving, arriving, free = segment.second(*one, along, p)
+            leaving, arriving, free = [0.0] * m**2, [0.0] * m**2, [0.0] * (m * self.free)
+            if any(along):
+                _, leaving, arriving, free = segment.second(*one, along, p)
+                self.kernel_evaluations += 1
             start += leaving
             end += arriving
             by_parameter += free
-        self.kernel_evaluations += len(self.segments)
         last = np.array(end[-m * m :: m])  # the arrival moves with T(lambda), its rate with T'
         end[-m * m :] = [beside * rate for rate in end[-m * m :]]
         gradient = self.cyclic(np.array(start), np.array(end))
