@@ -697,20 +697,22 @@ class OrbitProblem:
         ends, moves = self._ends(z, arrival), self._ends(q, back)
         for segment, one, moved in zip(self.segments, ends, moves, strict=True):
             along = [*moved[0], *moved[1], *q[n:]]
-            leaving, arriving, free = [0.0] * m**2, [0.0] * m**2, [0.0] * (m * self.free)
+            blocks: Sequence[Sequence[float]] = [
+                [0.0] * size for size in (m**2, m**2, m * self.free)
+            ]
             if any(along):
-                _, leaving, arriving, free = segment.second(*one, along, p)
+                blocks = segment.second(*one, along, p)[1:]
                 self.kernel_evaluations += 1
-            start += leaving
-            end += arriving
-            by_parameter += free
+            start += blocks[0]
+            end += blocks[1]
+            by_parameter += blocks[2]
         last = np.array(end[-m * m :: m])  # the arrival moves with T(lambda), its rate with T'
         end[-m * m :] = [beside * rate for rate in end[-m * m :]]
         gradient = self.cyclic(np.array(start), np.array(end))
         gradient[:, n:] = np.reshape(by_parameter, (n, -1))
         gradient[n - m :, n:] += np.outer(last, slopes)
         if any(setup.curvatures):
-            _, _, arriving, _ = self.segments[-1].blocks(z[n - m : n], arrival, p)
+            arriving = self.segments[-1].blocks(z[n - m : n], arrival, p)[2]
             curvatures = np.reshape(setup.curvatures, (self.free, self.free))
             bend = self.word.period * curvatures @ direction[n:]
             gradient[n - m :, n:] += np.outer(arriving[::m], bend)
