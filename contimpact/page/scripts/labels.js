@@ -6,26 +6,29 @@ function labelRoom([low, high]) {
     ? []
     : shownEntries().filter((entry) => low <= entry.parameters[state.x] && entry.parameters[state.x] <= high);
   const longest = d3.max(seen, (entry) => labelLength(entry.parts, orbitBehind(entry))) ?? 0;
-  return longest ? Math.min(140, 24 + 5.1 * longest) : 14;
+  return longest ? Math.min(144, 30 + 5.1 * longest) : 14;
 }
 
 /** How far apart labels stand that lean to the same side: a line of text, across. */
-const APART = 20;
-/** @typedef {{at: number, lean: 1 | -1, reach: number}} Leaning */
+const APART = 24;
+/** How far a label may stand from its value, to either side, and how high leaders lean to it. */
+const ASIDE = [0, 1, -1, 2, -2, 3, -3].map((step) => step * APART),
+  FAN = 11;
+/** A label's foot, and the value it belongs to. @typedef {{at: number, place: number, lean: 1 | -1, reach: number}} Leaning */
 
-/** How a label leans: to the right, or to the left where it would leave the picture. @param {number} at @param {number} length @returns {Leaning} */
-function leaning(at, length) {
+/** How a label leans: to the right, or to the left where it would leave the picture. @param {number} at @param {number} place @param {number} length @returns {Leaning} */
+function leaning(at, place, length) {
   const reach = 16 + 4.4 * length,
     right = drawn.box.right + 22;
-  return { at, reach, lean: at + reach > right ? -1 : 1 };
+  return { at, place, reach, lean: at + reach > right ? -1 : 1 };
 }
 
-/** Whether two labels keep clear of each other. @param {Leaning} one @param {Leaning} other */
+/** Whether two labels keep clear of each other, and their leaders do not cross. @param {Leaning} one @param {Leaning} other */
 function clear(one, other) {
   const [left, right] = one.at < other.at ? [one, other] : [other, one],
     apart = right.at - left.at;
   const towards = left.lean > right.lean;
-  return apart >= (towards ? left.reach + right.reach : APART);
+  return right.place >= left.place && apart >= (towards ? left.reach + right.reach : APART);
 }
 
 /** Labels of events above the frame, real ones first; those without room are counted. @param {Selected} layer */
@@ -37,8 +40,8 @@ function drawLabels(layer) {
     : shownEntries()
         .flatMap((entry) => marksOf(entry).slice(0, 1))
         .map((mark) => ({ ...mark, behind: orbitBehind(mark.entry) }))
-        .map((mark) => ({ ...mark, ...leaning(x(mark.x), labelLength(mark.entry.parts, mark.behind)) }))
-        .filter(({ at }) => at >= box.left && at <= box.right)
+        .map((mark) => ({ ...mark, place: x(mark.x), long: labelLength(mark.entry.parts, mark.behind) }))
+        .filter(({ place }) => place >= box.left && place <= box.right)
         .filter(
           (mark, k, all) =>
             !all
@@ -47,31 +50,41 @@ function drawLabels(layer) {
                 (one) =>
                   one.entry.label === mark.entry.label &&
                   one.behind === mark.behind &&
-                  Math.abs(one.at - mark.at) < APART,
+                  Math.abs(one.place - mark.place) < APART,
               ),
         )
         .sort((a, b) => Number(a.entry.ghost) - Number(b.entry.ghost) || a.entry.period - b.entry.period);
-  const set = wanted.filter((label) => {
-    const room = (label.lean > 0 || label.at >= label.reach) && taken.every((other) => clear(label, other));
-    if (room) taken.push(label);
-    return room;
+  const set = wanted.flatMap((label) => {
+    const found = ASIDE.map((aside) => leaning(label.place + aside, label.place, label.long)).find(
+      (one) =>
+        one.at >= box.left &&
+        one.at <= box.right &&
+        (one.lean > 0 || one.at >= one.reach) &&
+        taken.every((other) => clear(one, other)),
+    );
+    if (!found) return [];
+    taken.push(found);
+    return [{ ...label, ...found }];
   });
   layer
     .selectAll("line")
     .data(set)
     .join("line")
     .attr("class", "leader")
-    .attr("x1", ({ at }) => at)
+    .attr("x1", ({ place }) => place)
     .attr("x2", ({ at }) => at)
     .attr("y1", box.top)
-    .attr("y2", box.top - 6);
+    .attr("y2", box.top - FAN);
   layer
     .selectAll("text")
     .data(set)
     .join("text")
     .attr("class", ({ entry }) => `label${entry.ghost ? " ghost" : ""}`)
     .attr("text-anchor", ({ lean }) => (lean > 0 ? "start" : "end"))
-    .attr("transform", ({ at, lean }) => `translate(${at + 3 * lean},${box.top - 9}) rotate(${-50 * lean})`)
+    .attr(
+      "transform",
+      ({ at, lean }) => `translate(${at + 3 * lean},${box.top - FAN - 3}) rotate(${-50 * lean})`,
+    )
     .each(function ({ entry, behind }) {
       writeLabel(d3.select(this), entry.parts, behind);
     });
