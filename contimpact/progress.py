@@ -6,13 +6,14 @@ The text names the stage: ``following b2, 2:1: 60 points, s = 0.31``.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, TypeVar
 
 Progress = Callable[[str], None]
 Asked = bool | Progress | None
 """Progress that a caller asks for: nothing, lines on standard error, or lines to a function."""
 
+Named = TypeVar("Named", bound=Any)
 EVERY = 20
 """Points of a walk between two lines."""
 
@@ -43,6 +44,13 @@ def chain_callbacks(
         return one(point) if one else None
 
     return callback
+
+
+def tell_each(branches: Sequence[Named], what: str, progress: Progress) -> Iterator[Named]:
+    """Yield branches one after another, and tell which it is."""
+    for number, branch in enumerate(branches, start=1):
+        progress(f"{what} {branch.id}, {number} of {len(branches)}")
+        yield branch
 
 
 def counting_callback(what: str, parameter: str, progress: Progress) -> Callable[[Any], None]:

@@ -14,7 +14,7 @@ from .storage.texts import terminal_text
 
 BEAT = 0.25
 """Seconds after which a terminal's line is rewritten."""
-PAUSE = 3.0
+PAUSE = 2.0
 """Seconds between two lines at least, where there is no terminal."""
 QUIET = 30.0
 """Seconds after which a line is repeated there, if there is nothing new to tell."""

@@ -180,9 +180,7 @@ def parser() -> argparse.ArgumentParser:
     atlas.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
     atlas.set_defaults(module="atlas")
 
-    plot = commands.add_parser(
-        "plot", help="draw the diagram of a folder, with the attractors of a simulation"
-    )
+    plot = commands.add_parser("plot", help="draw a folder's diagram, with its attractors")
     plot.add_argument("folder", metavar="DIR", help="folder written by run or simulate")
     plot.add_argument(
         "-o", "--output", metavar="FILE", help="file to write (svg, png, pdf or html)"

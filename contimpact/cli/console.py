@@ -107,7 +107,7 @@ def page_wanted(scene: Scene, options: argparse.Namespace) -> bool:
     return bool(scene.plot.html or options.html)
 
 
-def add_page(scene: Scene, diagram: Diagram, files: Files) -> None:
+def add_page(scene: Scene, diagram: Diagram, files: Files, tell: Progress) -> None:
     """Write the page of a run; the attractors of a simulation in the folder are a layer of it."""
     from ..page.data import PageView, remarks_in
     from ..page.document import save_page
@@ -115,4 +115,4 @@ def add_page(scene: Scene, diagram: Diagram, files: Files) -> None:
     plot = scene.plot
     remarks = remarks_in(diagram.statistics, diagram.coverage)
     shown = PageView(plot.x, plot.xlim, plot.ylim, plot.unphysical, scene.source, remarks)
-    files.add(lambda: save_page(diagram, scene.model, files.folder, shown))
+    files.add(lambda: save_page(diagram, scene.model, files.folder, shown, tell))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, short_repr
 from ..models.model import Model
+from ..progress import Progress
 from ..results.branch import model_at
 from ..results.catalogue import load_diagram
 from ..results.diagram import Diagram
@@ -18,6 +19,7 @@ from ..results.options import FORMATS, PlotOptions
 from ..results.result_folder import MANIFEST, WANTED, kept_still, read_json
 from ..results.scene import Scene, load_scene, read_scene, systems_of
 from ..storage.files import is_there
+from ..telling import telling
 from .terminal import say
 
 if TYPE_CHECKING:
@@ -37,16 +39,19 @@ def command(options: argparse.Namespace) -> int:
     kind = target.suffix.removeprefix(".").lower()
     if options.html and kind != "html":
         raise InputError("--html", f"the file {target}", "give one that ends in .html, or none")
-    with kept_still(target.parent):
+    with kept_still(target.parent), telling(folder.name, patient=True) as tell:
+        tell("reading")
         if kind == "html":
-            draw_page(folder, target, options)
+            draw_page(folder, target, options, tell)
         else:
-            _draw(folder, target, kind, options)
+            _draw(folder, target, kind, options, tell)
     say(f"written to {target}")
     return 0
 
 
-def _draw(folder: Path, target: Path, kind: str, options: argparse.Namespace) -> None:
+def _draw(
+    folder: Path, target: Path, kind: str, options: argparse.Namespace, tell: Progress
+) -> None:
     """Draw the diagram in a folder to a file, of a simulation with its attractors."""
     simulated = is_there(folder / "sweep.csv")
     diagram = _diagram_in(folder, systems_of(options.system))
@@ -57,6 +62,7 @@ def _draw(folder: Path, target: Path, kind: str, options: argparse.Namespace) ->
         raise InputError(str(target), f"format {kind!r}", accepted)
     from ..plots.diagram import heading, plot_diagram, write_figure, write_heading
 
+    tell("drawing")
     y = options.y or plot.y
     chosen |= {"unit": model.unit(chosen["x"]) if model else "", "labels": plot.labels}
     if simulated and model is not None and y == VELOCITY:
@@ -72,7 +78,9 @@ def _draw(folder: Path, target: Path, kind: str, options: argparse.Namespace) ->
         say(sentence_of(unknown))
 
 
-def draw_page(folder: Path, target: Path, options: argparse.Namespace | None = None) -> None:
+def draw_page(
+    folder: Path, target: Path, options: argparse.Namespace | None, tell: Progress
+) -> None:
     """Draw the page of a folder of results to a file.
 
     Raises InputError if the folder holds no results, or the file cannot be written.
@@ -92,12 +100,13 @@ def draw_page(folder: Path, target: Path, options: argparse.Namespace | None = N
             remarks = remarks_in(manifest, diagram.coverage)
         shown = dataclasses.replace(shown, source=source, remarks=remarks)
     shown = dataclasses.replace(shown, **chosen)
-    write_page(diagram, model, folder, shown, target)
+    write_page(diagram, model, folder, shown, target, tell)
 
 
 def _diagram_in(folder: Path, systems: Mapping[str, type[Model]]) -> Diagram:
     """The diagram in a folder; one without branches of a simulation that followed none."""
-    if _names_its_scene(folder) and not is_there(folder / "catalogue.json"):
+    simulated = is_there(folder / "sweep.csv") and not is_there(folder / "catalogue.json")
+    if _names_its_scene(folder) and simulated:
         return Diagram(_scene_of(folder, systems).name, [])
     return load_diagram(folder)
 

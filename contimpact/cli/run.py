@@ -160,7 +160,7 @@ def _write_run(
             left_out.append("diagram: --no-plot was given, matplotlib is not imported")
         pictures: dict[str, Callable[[], None]] = {}
         if page_wanted(scene, options):
-            pictures["page"] = lambda: add_page(scene, diagram, files)
+            pictures["page"] = lambda: add_page(scene, diagram, files, tell)
         if scene.plot.formats and not options.no_plot:
             pictures["plot"] = lambda: _save_plots(scene, diagram, files)
         for name, draw in pictures.items():

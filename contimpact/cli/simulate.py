@@ -86,7 +86,7 @@ def _write(
         if page_wanted(scene, options):
             diagram = result.diagram or Diagram(scene.name, [])
             if not draw_pictures(
-                interruption, files, tell, lambda: add_page(scene, diagram, files)
+                interruption, files, tell, lambda: add_page(scene, diagram, files, tell)
             ):
                 result.interrupted = result.interrupted or "pictures"
                 left_out.append("page: the run was interrupted; contimpact plot --html draws it")

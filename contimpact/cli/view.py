@@ -7,6 +7,7 @@ import webbrowser
 from pathlib import Path
 
 from ..results.result_folder import kept_still
+from ..telling import telling
 from .plot import draw_page
 from .terminal import complain, say
 
@@ -17,8 +18,9 @@ def command(options: argparse.Namespace) -> int:
     A page that is there already is not opened: in a folder of somebody else it may be anything.
     """
     target = Path(options.folder) / "diagram.html"
-    with kept_still(target.parent):
-        draw_page(target.parent, target)
+    with kept_still(target.parent), telling(target.parent.name, patient=True) as tell:
+        tell("reading")
+        draw_page(target.parent, target, None, tell)
     say(f"written to {target}")
     if webbrowser.open(target.resolve().as_uri()):
         return 0

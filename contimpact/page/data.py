@@ -13,6 +13,7 @@ from ..arrays import Array
 from ..bifurcations.registry import kind_of
 from ..models.guards import Guard
 from ..models.model import Model
+from ..progress import Progress, ignore_progress, tell_each
 from ..results.branch import Branch, Entry
 from ..results.curve import (
     Area,
@@ -106,7 +107,11 @@ def remarks_in(statistics: Mapping[str, Any], coverage: Sequence[Coverage] = ())
 
 @np.errstate(all="ignore")  # numbers of damaged folders
 def page_data(
-    diagram: Diagram, model: Model | None, shown: PageView, swept: Sequence[SweepSeries] = ()
+    diagram: Diagram,
+    model: Model | None,
+    shown: PageView,
+    swept: Sequence[SweepSeries] = (),
+    progress: Progress = ignore_progress,
 ) -> dict[str, Any]:
     """Return what a page shows.
 
@@ -116,6 +121,8 @@ def page_data(
         The system. Without it no orbits are drawn, and units are not known.
     swept : sequence of Swept
         Attractors of a simulation.
+    progress : callable
+        Called with a line of text for each branch.
     """
     derived = model.DERIVED if model else ()
     branches, keys = diagram.branches, keys_of(diagram.curves)
@@ -152,7 +159,7 @@ def page_data(
         "unknown": _undrawable_reason(branches, model),
         "branches": [
             _branch(branch, tracks if _has_known_formulas(branch, model) else None, every)
-            for branch in branches
+            for branch in tell_each(branches, "drawing the orbits of", progress)
         ],
         "entries": [_entry(entry, branch) for branch in branches for entry in branch.events],
         "looks": {kind: _look_record(kind) for kind in _kinds(diagram)},

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from ..errors import printable
 from ..models.model import Model
+from ..progress import Progress, ignore_progress
 from ..results.diagram import Diagram
 from ..results.quantities import NO_WALL, WALLS, WALLS_ON_DARK
 from ..results.result_folder import reading
@@ -41,7 +42,11 @@ PALETTE = {
 
 
 def page_text(
-    diagram: Diagram, model: Model | None, shown: PageView, swept: Sequence[SweepSeries] = ()
+    diagram: Diagram,
+    model: Model | None,
+    shown: PageView,
+    swept: Sequence[SweepSeries] = (),
+    progress: Progress = ignore_progress,
 ) -> str:
     """Return the page; takes the arguments of `data.page_data`."""
     style = _fill_template(_asset("page.css"), PALETTE)
@@ -54,7 +59,7 @@ def page_text(
         "title": html.escape(f"{printable(diagram.name)} - contimpact"),
         "style": style,
         "library": library,
-        "data": script_json(page_data(diagram, model, shown, swept)),
+        "data": script_json(page_data(diagram, model, shown, swept, progress)),
         "script": script,
     }
     return _fill_template(_asset("page.html"), parts)
@@ -64,14 +69,25 @@ def _fill_template(template: str, parts: Mapping[str, str]) -> str:
     return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], template)
 
 
-def save_page(diagram: Diagram, model: Model | None, folder: Path, shown: PageView) -> list[str]:
+def save_page(
+    diagram: Diagram,
+    model: Model | None,
+    folder: Path,
+    shown: PageView,
+    progress: Progress = ignore_progress,
+) -> list[str]:
     """Write the page of a folder, with its attractors if there are any; returns its name."""
     swept = attractors_in(folder, model)
-    return write_all(folder, {NAME: lambda: page_text(diagram, model, shown, swept)})
+    return write_all(folder, {NAME: lambda: page_text(diagram, model, shown, swept, progress)})
 
 
 def write_page(
-    diagram: Diagram, model: Model | None, folder: Path, shown: PageView, target: Path
+    diagram: Diagram,
+    model: Model | None,
+    folder: Path,
+    shown: PageView,
+    target: Path,
+    progress: Progress = ignore_progress,
 ) -> None:
     """Write the page of a folder to a file.
 
@@ -80,7 +96,7 @@ def write_page(
     """
     with reading(folder):
         swept = attractors_in(folder, model)
-    write(target, page_text(diagram, model, shown, swept))
+    write(target, page_text(diagram, model, shown, swept, progress))
 
 
 def attractors_in(folder: Path, model: Model | None) -> list[SweepSeries]:

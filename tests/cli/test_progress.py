@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import re
@@ -13,10 +14,11 @@ import time
 from pathlib import Path
 
 import pytest
+from zoo import SMALL
 
 from contimpact import load_diagram
 from contimpact import telling as progress
-from contimpact.cli import main
+from contimpact.cli import main, plot
 from contimpact.results.result_folder import MARK
 from contimpact.telling import Teller, telling
 
@@ -415,3 +417,25 @@ def test_a_simulation_interrupted_while_drawing(run, scene, tmp_path, monkeypatc
     assert run("simulate", path, "-o", folder, "-q", "--resume")[0] == 0
     assert manifest_of(folder)["resumed"] == 2
     assert (folder / "attractors.png").exists()
+
+
+def test_drawing_a_folder_tells_what_it_does(tmp_path, monkeypatch):
+    """Each branch of the page is named; so is what comes before and what a picture needs."""
+    (tmp_path / "scene.toml").write_text(SMALL, encoding="utf-8")
+    out = tmp_path / "out"
+    assert main(["run", str(tmp_path / "scene.toml"), "-o", str(out), "-q", "--no-plot"]) == 0
+    told = []
+
+    @contextlib.contextmanager
+    def collecting(name, patient):
+        assert (name, patient) == ("out", True)
+        yield told.append
+
+    monkeypatch.setattr(plot, "telling", collecting)
+    assert main(["plot", str(out), "--html"]) == 0
+    branches = len(json.loads((out / "catalogue.json").read_text(encoding="utf-8"))["branches"])
+    names = [f"drawing the orbits of b{k}, {k} of {branches}" for k in range(1, branches + 1)]
+    assert told == ["reading", *names]
+    told.clear()
+    assert main(["plot", str(out)]) == 0
+    assert told == ["reading", "drawing"]
