@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from .certificates.certify import certify as certify
     from .continuation.settings import Settings as Settings
     from .diagrams.codim2_curves import follow_codim2 as follow_codim2
+    from .diagrams.crises import follow_crisis as follow_crisis
+    from .diagrams.crises import locate_crisis as locate_crisis
     from .diagrams.curves import follow_curve as follow_curve
     from .diagrams.explore import follow as follow
     from .diagrams.isolines import follow_isoline as follow_isoline
@@ -118,6 +120,8 @@ _PLACES = {
     "follow": "diagrams.explore",
     "follow_codim2": "diagrams.codim2_curves",
     "follow_curve": "diagrams.curves",
+    "locate_crisis": "diagrams.crises",
+    "follow_crisis": "diagrams.crises",
     "follow_isoline": "diagrams.isolines",
     "Curve": "results.curve",
     "read": "results.diagram_reading",

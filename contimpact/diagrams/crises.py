@@ -1,0 +1,543 @@
+"""Crises located from simulated motion, and their curves in two parameters.
+
+The equations are in `contimpact.bifurcations.crisis`. What they lack is a path to start from: a
+stretch of simulated complex motion that nearly grazes, and then comes nearest to the stable
+manifold of the unstable orbit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Array
+from ..bifurcations.crisis import (
+    Connected,
+    Connection,
+    error_of,
+    refined,
+    solve,
+    unstable_direction,
+)
+from ..continuation.ends import End
+from ..continuation.settings import Settings
+from ..continuation.walk import walk
+from ..errors import InputError
+from ..models.model import Model
+from ..models.word import Word
+from ..orbits.orbit import Orbit
+from ..orbits.search import solve_near
+from ..results.options import CURVE_SETTINGS
+from ..results.simulate_tables import SETTLING, Settling
+from ..segments.kernels import Kernels
+from ..segments.touches import interior_touches
+from ..simulation.attractor import Attractor, Kind
+from ..simulation.run import Run, State
+from ..simulation.settle import settle
+from ..simulation.simulator import Simulator
+
+BESIDE = 1e-6
+"""How far beside an orbit the motion along its unstable manifold starts."""
+PATIENT = replace(SETTLING, periods=8000)
+"""How long motion beyond a crisis is given: transients are long there."""
+NEARER = 0.01, 0.02, 0.05, 0.2, 0.5
+"""Parts of the distance to a crisis at which the attractor is looked for again."""
+NEAR = 0.05
+"""The part of it within which it has to be seen, and the crisis found, once more."""
+BEYOND = 5.0
+"""How many times further beyond a crisis it is looked what the motion settles on."""
+TRIALS = 8
+"""How often a crisis is looked for again, nearer by."""
+DEPTH = 24
+"""Impacts before the arrival at the orbit among which the one that grazes is looked for."""
+PLACES = 4
+"""Places on a path at which a grazing is tried: those where it is nearest to one."""
+LAPS = 3
+"""Laps of the first orbit that are taken from a simulated path."""
+LONGEST_TAIL = 8
+"""Impacts of the first orbit at most."""
+BEFORE = DEPTH + (LAPS + 1) * LONGEST_TAIL
+"""Impacts of a simulated path before its arrival at the orbit."""
+ENTRIES, PATHS = 100, 40
+"""Arrivals looked at, and different paths solved for, at most."""
+SAME_FLIGHT = 1e-6
+"""How well a simulated flight repeats one of a path; beside a grazing it does by the square root of
+rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Crisis:
+    """A crisis: where a chaotic attractor touches the stable manifold of an unstable orbit."""
+
+    parameter: str
+    value: float
+    error: float
+    """Bound of the value's error: rounding, and what longer paths change."""
+    label: str
+    """``CR[1:1/C|2:1]``: the attractor, and the orbit whose stable manifold it touches."""
+    type: str | None
+    """``boundary`` if the motion leaves the attractor beyond, ``interior`` if it stays complex
+    there, None where neither was seen."""
+    after: str | None
+    """What the motion settles on beyond, by its notation."""
+    seen: float
+    """The nearest value of the parameter at which simulation has shown the attractor."""
+    orbit: Orbit
+    """The unstable orbit, at the crisis."""
+    path: Connected = field(repr=False)
+    """The connection that grazes."""
+    model: Model = field(repr=False)
+    kernels: Kernels = field(repr=False)
+
+    @property
+    def walls(self) -> str:
+        """The walls hit along the connection."""
+        return self.path.problem.walls
+
+    @property
+    def grazing(self) -> int:
+        """Number of the impact on the connection whose velocity vanishes."""
+        return self.path.problem.grazing
+
+    @property
+    def times(self) -> Array:
+        """Times of its impacts."""
+        return self.path.impacts[:, 0]
+
+    @property
+    def velocities(self) -> Array:
+        """Velocities before its impacts."""
+        return self.path.impacts[:, 1]
+
+    @property
+    def homoclinic(self) -> bool:
+        """Whether the connection leaves the orbit at which it ends."""
+        problem = self.path.problem
+        own, other = problem.before, problem.after
+        return own.period == other.period and own.walls in other.walls * 2
+
+    def as_record(self) -> dict[str, Any]:
+        """Return plain data."""
+        problem = self.path.problem
+        return {
+            "kind": "CR",
+            "label": self.label,
+            "parameter": self.parameter,
+            "value": self.value,
+            "error": self.error,
+            "type": self.type,
+            "after": self.after,
+            "seen": self.seen,
+            "parameters": {**self.orbit.parameters},
+            "orbit": str(self.orbit.word),
+            "leaves": str(problem.before),
+            "homoclinic": self.homoclinic,
+            "walls": self.walls,
+            "grazing": self.grazing,
+            "times": self.times.tolist(),
+            "velocities": self.velocities.tolist(),
+        }
+
+    def __str__(self) -> str:
+        kind = f", {self.type}" if self.type else ""
+        beyond = f"; beyond: {self.after}" if self.after else ""
+        place = f"{self.parameter} = {self.value:.15g} (+- {self.error:.1g})"
+        return f"{self.label} at {place}{kind}{beyond}"
+
+
+@dataclass(frozen=True)
+class NoCrisis:
+    """Why no crisis was located."""
+
+    reason: str
+
+    def __str__(self) -> str:
+        return f"no crisis: {self.reason}"
+
+
+def locate_crisis(
+    orbit: Orbit, start: State | None = None, *, impacts: int = 40_000
+) -> Crisis | NoCrisis:
+    """Locate the crisis at which a chaotic attractor touches an orbit's stable manifold.
+
+    Parameters
+    ----------
+    orbit : Orbit
+        Unstable, at a value of its parameter at which the attractor still exists, best near to the
+        crisis; see `find_orbits`.
+    start : State, optional
+        From which the motion settles on the attractor; by default it starts beside the orbit, along
+        its unstable manifold.
+    impacts : int
+        Simulated on the attractor.
+
+    Returns
+    -------
+    Crisis or NoCrisis
+        The nearest one in the orbit's parameter. The attractor is known from simulation: that it is
+        the nearest is as certain as that the run has visited all of it.
+
+    Raises
+    ------
+    InputError
+        For a system with several coordinates or without forcing, or an orbit that is not
+        unstable in one direction or not physical.
+    """
+    model, problem = orbit.model, orbit.problem
+    simulator = Simulator(model, problem.kernels)
+    if simulator.several or model.autonomous:
+        accepted = "crises are located of one forced coordinate between rigid walls"
+        raise InputError("orbit", f"one of {model.SYSTEM}", accepted)
+    if not (orbit.physical and abs(orbit.multipliers[0]) > 1.0 > abs(orbit.multipliers[1])):
+        accepted = "give a physical orbit with one multiplier outside the unit circle"
+        raise InputError("orbit", repr(orbit), accepted)
+    attractor = settle(simulator, start) if start else _beside(simulator, orbit)
+    if attractor is None or attractor.kind is not Kind.COMPLEX or attractor.state is None:
+        settled = attractor.notation if attractor else "periodic motion on both sides"
+        return NoCrisis(f"the motion settles on {settled} at {orbit.parameter} = {orbit.value:.9g}")
+    known: float | None = None
+    begun = orbit.value
+    for _ in range(TRIALS):
+        nearest = _nearest(orbit, attractor, impacts)
+        if nearest is None:
+            break
+        path, error = nearest
+        value = float(path.unknowns[-1])
+        close = abs(orbit.value - value) <= NEAR * abs(begun - value)
+        if close and known is not None and abs(value - known) <= 2.0 * error:
+            return _crisis(orbit, attractor, path, error)
+        known = value
+        nearer = _nearer(orbit, attractor, value)
+        if nearer is None:
+            break
+        orbit, attractor = nearer
+    place = f"{orbit.parameter} = {orbit.value:.9g}"
+    if known is None:
+        return NoCrisis(f"no simulated path leads to a grazing one to {orbit.notation} at {place}")
+    reached = f"the nearest connection is at {known:.9g}, and the attractor was seen at {place}"
+    return NoCrisis(f"{reached}, but not both near to each other; simulate more impacts")
+
+
+def _nearest(orbit: Orbit, attractor: Attractor, impacts: int) -> tuple[Connected, float] | None:
+    """The physical connection that is nearest in the parameter to where an attractor was seen."""
+    assert attractor.state is not None
+    simulator = Simulator(orbit.model, orbit.problem.kernels)
+    paths = _solved(simulator, orbit, simulator.run(attractor.state, impacts=impacts))
+    for path in sorted(paths, key=lambda p: abs(p.unknowns[-1] - orbit.value)):
+        if _physical(path) and (found := refined(path)) is not None and _physical(found[0]):
+            return found
+    return None
+
+
+def _nearer(orbit: Orbit, attractor: Attractor, value: float) -> tuple[Orbit, Attractor] | None:
+    """The orbit and the attractor nearer to a crisis; None if the attractor is not seen there."""
+    for part in NEARER:
+        near = value + part * (orbit.value - value)
+        here = solve_near(orbit.problem, np.append(orbit.unknowns[:-1], near))
+        if here is None:
+            continue
+        there = Orbit(orbit.problem, here)
+        simulator = Simulator(there.model, orbit.problem.kernels)
+        found = settle(simulator, attractor.state, PATIENT)
+        if found.kind is Kind.COMPLEX:
+            return there, found
+        if (beside := _beside(simulator, there, PATIENT)) is not None:
+            return there, beside
+    return None
+
+
+def _beside(simulator: Simulator, orbit: Orbit, settling: Settling = SETTLING) -> Attractor | None:
+    """The complex motion to which the unstable manifold of an orbit leads, if there is one."""
+    _, right, _ = unstable_direction(orbit.linearisation)
+    wall = orbit.word.walls[0]
+    for side in (BESIDE, -BESIDE):
+        time, velocity = orbit.times[0] + side * right[0], orbit.velocities[0] + side * right[1]
+        found = settle(simulator, simulator.state(wall, time, velocity), settling)
+        if found.kind is Kind.COMPLEX:
+            return found
+    return None
+
+
+# From a run to paths that are nearly connections.
+
+
+def _solved(simulator: Simulator, orbit: Orbit, run: Run) -> list[Connected]:
+    """Solve for the connections that the nearest arrivals at an orbit are close to."""
+    given, text, times = (orbit.model, orbit.problem.kernels), run.word, run.times
+    tried, found = set[tuple[str, int]](), list[Connected]()
+    for entry in _entries(run, text, orbit):
+        part = slice(entry - BEFORE, entry)
+        rows = np.column_stack([times[part], run.velocities[part]])
+        rows[:, 0] -= run.period * np.floor(rows[0, 0] / run.period)
+        arrival = rows[-1, 0] + times[entry] - times[entry - 1]
+        rows = np.vstack([rows, *_laps(orbit, 0, arrival, range(LAPS))])
+        made = text[part] + orbit.word.walls * LAPS
+        for walls, grazing, impacts, before in _paths(simulator, orbit, made, rows):
+            if (walls, grazing) in tried or len(tried) >= PATHS:
+                continue
+            tried.add((walls, grazing))
+            problem = Connection(*given, walls, grazing, before, orbit.word)
+            if (path := solve(problem, np.append(impacts.ravel(), orbit.value))) is not None:
+                found.append(path)
+    return found
+
+
+def _laps(orbit: Orbit, first: int, time: float, numbers: Iterable[int]) -> list[Array]:
+    """Return the impacts of laps of an orbit, each from one of its impacts on, which lap number 0
+    makes at about a time."""
+    forcing = orbit.problem.period(orbit.unknowns)
+    lap = np.column_stack([orbit.times, orbit.velocities])
+    lap[:first, 0] += orbit.period
+    lap = np.roll(lap, -first, axis=0)
+    lap[:, 0] += forcing * round((time - lap[0, 0]) / forcing)
+    return [lap + np.array([number * orbit.period, 0.0]) for number in numbers]
+
+
+def _entries(run: Run, text: str, orbit: Orbit) -> list[int]:
+    """Rows of a run from which it follows an orbit, those nearest to its stable manifold first."""
+    word, period, lap = orbit.word.walls, run.period, len(orbit.word)
+    rows = np.array([i for i in range(len(text)) if text.startswith(word, i)], dtype=int)
+    apart = run.phases[rows] - orbit.times[0]
+    apart -= period * np.round(apart / period)
+    _, _, left = unstable_direction(orbit.linearisation)
+    away = np.abs(left[0] * apart + left[1] * (run.velocities[rows] - orbit.velocities[0]))
+    known = dict(zip(rows.tolist(), away.tolist(), strict=True))
+    entries = [
+        row
+        for row, far in known.items()
+        if far < known.get(row - lap, np.inf) and far <= known.get(row + lap, np.inf)
+    ]
+    return sorted((row for row in entries if row >= BEFORE), key=known.__getitem__)[:ENTRIES]
+
+
+Guess = tuple[str, int, Array, Word]
+"""The walls of a path, the impact that grazes, the impacts, and the orbit it leaves."""
+
+
+def _paths(simulator: Simulator, orbit: Orbit, walls: str, rows: Array) -> Iterator[Guess]:
+    """Return paths near to an arrival: those that leave the orbit itself, and the one that leaves
+    the orbit which the motion has followed before."""
+    for place, time, wall in _nearly_grazing(simulator, walls, rows):
+        path, impacts = walls, rows
+        if time is not None:
+            path = walls[:place] + wall + walls[place:]
+            impacts = np.insert(rows, place, [time, 0.0], axis=0)
+        yield from _leaving(orbit, path, place, impacts)
+        if (tail := _tail(path[:place], impacts[:place, 0], simulator.period)) is not None:
+            begin, before = tail
+            yield path[begin:], place - begin, impacts[begin:], before
+
+
+def _leaving(orbit: Orbit, walls: str, grazing: int, rows: Array) -> Iterator[Guess]:
+    """Return paths that follow an orbit until a few impacts before they graze."""
+    lap, own = len(orbit.word), orbit.word.walls
+    for begin in range(grazing - lap, grazing):
+        for first in range(lap):
+            word = own[first:] + own[:first]
+            if word[0] == walls[begin]:
+                laps = _laps(orbit, first, rows[begin, 0], range(-LAPS, 0))
+                path, place = word * LAPS + walls[begin:], LAPS * lap + grazing - begin
+                yield path, place, np.vstack([*laps, rows[begin:]]), Word(word, orbit.word.period)
+
+
+def _nearly_grazing(
+    simulator: Simulator, walls: str, rows: Array
+) -> list[tuple[int, float | None, str]]:
+    """Where a path is nearest to a grazing: an impact, or the place, time and wall of a touch."""
+    fastest = float(np.max(np.abs(rows[:, 1])))
+    width = max(simulator.positions) - min(simulator.positions)
+    span = rows[-1, 0] - rows[0, 0] + simulator.period
+    gaps = interior_touches(simulator.kernels, walls, simulator.values, rows, span)
+    found: list[tuple[float, int, float | None, str]] = []
+    for k in range(BEFORE - DEPTH, BEFORE):
+        found.append((abs(rows[k, 1]) / fastest, k, None, walls[k]))
+        for touch in gaps[k].touches:
+            if touch is not None:
+                near = float(np.sqrt(max(touch.gap, 0.0) / width))
+                found.append((near, k + 1, touch.time, touch.wall))
+    return [(k, time, wall) for _, k, time, wall in sorted(found, key=lambda f: f[0])[:PLACES]]
+
+
+def _tail(walls: str, times: Array, period: float) -> tuple[int, Word] | None:
+    """Return where the laps begin that a path ends with, and the orbit of which they are laps.
+
+    None if it ends with no word twice.
+    """
+    best: tuple[int, int] | None = None
+    for lap in range(1, LONGEST_TAIL + 1):
+        repeated = 0
+        while repeated < len(walls) - lap and walls[-1 - repeated] == walls[-1 - repeated - lap]:
+            repeated += 1
+        turns = (times[-1] - times[-1 - lap]) / period
+        closes = round(turns) >= 1 and abs(turns - round(turns)) < 0.25
+        if closes and repeated > lap and (best is None or repeated + lap > sum(best) + 1):
+            best = repeated, lap
+    if best is None:
+        return None
+    repeated, lap = best
+    begin = len(walls) - min(repeated + lap, LAPS * lap + 1)
+    periods = round((times[-1] - times[-1 - lap]) / period)
+    return begin, Word(walls[begin : begin + lap], periods)
+
+
+# Whether a path is one of the motion, and what follows it.
+
+
+def _physical(path: Connected) -> bool:
+    """Whether simulated flights repeat a path, its grazing passed by or touched."""
+    problem, rows = path.problem, path.impacts.tolist()
+    model = problem.model.replace(
+        **dict(zip(problem.kernels.parameters, path.unknowns[problem.n :].tolist(), strict=True))
+    )
+    simulator = Simulator(model, problem.kernels)
+    numbers = [simulator.letters.index(wall) for wall in problem.walls]
+    for k, (wall, row) in enumerate(zip(numbers[:-1], rows[:-1], strict=True)):
+        phase = row[0] % simulator.period
+        if k == problem.grazing:
+            if simulator.pressed(wall, phase)[0]:
+                return False
+            continue
+        _, dt, _ = simulator.fly(wall, phase, row[1])
+        following = rows[k + 1 : k + 3] if k + 1 == problem.grazing else rows[k + 1 : k + 2]
+        if not min(abs(dt - (later[0] - row[0])) for later in following) < SAME_FLIGHT:
+            return False
+    return True
+
+
+def _crisis(orbit: Orbit, attractor: Attractor, path: Connected, error: float) -> Crisis:
+    """Describe a crisis: the orbit there, and what the motion settles on beyond."""
+    value = float(path.unknowns[-1])
+    here = solve_near(orbit.problem, np.append(orbit.unknowns[:-1], value))
+    there = Orbit(orbit.problem, here) if here is not None else orbit
+    label = f"CR[{attractor.notation}|{orbit.notation}]"
+    step = max(BEYOND * abs(value - orbit.value), 1e-5 * abs(value))
+    beyond = value + float(np.copysign(step, value - orbit.value))
+    model = orbit.model.replace(**{orbit.parameter: beyond})
+    kernels = orbit.problem.kernels
+    after = settle(Simulator(model, kernels), attractor.state, PATIENT)
+    type_ = {Kind.COMPLEX: "interior", Kind.NOT_SETTLED: None}.get(after.kind, "boundary")
+    told = after.notation if type_ else None
+    return Crisis(
+        orbit.parameter,
+        value,
+        error,
+        label,
+        type_,
+        told,
+        orbit.value,
+        there,
+        path,
+        there.model,
+        kernels,
+    )
+
+
+# Curves of crises in two parameters.
+
+
+@dataclass(frozen=True, eq=False)
+class CrisisCurve:
+    """A curve of crises in two parameters."""
+
+    names: tuple[str, str]
+    """The crisis's own parameter, and the second one."""
+    values: Array
+    """Both at each point, in the order of the curve, shape (N, 2)."""
+    errors: Array
+    """Bounds of the errors of the first at the second, shape (N,)."""
+    physical: Array
+    """Whether simulated flights repeat the connection at each point, shape (N,)."""
+    ends: tuple[End, End]
+    """Why the curve ends."""
+    label: str
+    paths: Sequence[Connected] = field(repr=False)
+    """The connections, with both parameters as unknowns."""
+
+    def at(self, second: float) -> list[float]:
+        """Return the values of the first parameter where the second has a value, solved for."""
+        found = []
+        offset = self.values[:, 1] - second
+        for k in np.nonzero((offset[:-1] <= 0.0) != (offset[1:] <= 0.0))[0].tolist():
+            part = offset[k] / (offset[k] - offset[k + 1])
+            one, other = self.paths[k].unknowns, self.paths[k + 1].unknowns
+            guess = (one + part * (other - one))[:-1]
+            path = solve(_with_one_parameter(self.paths[k].problem, second), guess)
+            if path is not None:
+                found.append(float(path.unknowns[-1]))
+        return found
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+
+def follow_crisis(
+    crisis: Crisis, second: str, limits: tuple[float, float], settings: Settings = CURVE_SETTINGS
+) -> CrisisCurve:
+    """Follow a crisis in two parameters.
+
+    Parameters
+    ----------
+    crisis : Crisis
+    second : str
+        The second parameter; the first is the crisis's own.
+    limits : (low, high)
+        Range of the second parameter; it holds the crisis.
+    settings : Settings
+        Numerics of the walk.
+
+    Returns
+    -------
+    CrisisCurve
+        Whether the attractor that touches is still there is not looked at along the curve; locate
+        the crisis again where that matters.
+
+    Raises
+    ------
+    InputError
+        For a parameter the model does not have, or limits that do not hold the crisis.
+    """
+    model = crisis.model
+    model.require(second, "second")
+    kernels = Kernels(model, crisis.parameter, second)
+    path = crisis.path.problem
+    given = path.walls, path.grazing, path.before, path.after
+    begin = np.append(crisis.path.unknowns, model.values[second])
+    problem, start = Connection(model, kernels, *given).longer(begin, 1, 1)
+    ways = [
+        walk(problem, start, way, parameter=second, limits=limits, settings=settings)
+        for way in (-1, 1)
+    ]
+    paths: list[Connected] = [
+        point.evaluation for point in [*reversed(ways[0].points), *ways[1].points[1:]]
+    ]
+    values = np.array([p.unknowns[-2:] for p in paths])
+    left = max(_left_by_laps(p) for p in (paths[0], paths[-1]))
+    errors = [error_of(_alone(p)) + left for p in paths]
+    physical = np.array([_physical(p) for p in paths])
+    ends = ways[0].end, ways[1].end
+    names = crisis.parameter, second
+    return CrisisCurve(names, values, np.array(errors), physical, ends, crisis.label, paths)
+
+
+def _with_one_parameter(problem: Connection, second: float) -> Connection:
+    """The equations at a value of the second parameter."""
+    first, other = problem.kernels.parameters
+    model = problem.model.replace(**{other: second})
+    given = problem.walls, problem.grazing, problem.before, problem.after
+    return Connection(model, Kernels(model, first), *given)
+
+
+def _alone(path: Connected) -> Connected:
+    """A point of a curve as a crisis at its second parameter."""
+    problem = _with_one_parameter(path.problem, float(path.unknowns[-1]))
+    return problem.evaluate(path.unknowns[:-1])
+
+
+def _left_by_laps(path: Connected) -> float:
+    """How much one more lap at both ends changes a crisis; infinite if that is not known."""
+    here = _alone(path)
+    found = solve(*here.problem.longer(here.unknowns, 1, 1))
+    return np.inf if found is None else abs(float(found.unknowns[-1] - here.unknowns[-1]))

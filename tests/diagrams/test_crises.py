@@ -1,0 +1,101 @@
+"""Crises against many digits, simulation and themselves.
+
+The constants were computed with mpmath in 45 digits from equations (4)-(6) of the paper, written
+out apart from the package, with three laps more at both ends.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from contimpact.bifurcations.crisis import error_of, solve
+from contimpact.diagrams.crises import Crisis, NoCrisis, follow_crisis, locate_crisis
+from contimpact.errors import InputError
+from contimpact.orbits.search import find_orbits
+from contimpact.results.simulate_tables import Settling
+from contimpact.simulation.attractor import Kind
+from contimpact.simulation.settle import settle
+from contimpact.simulation.simulator import Simulator
+from contimpact.systems.impact_pair import ImpactPair
+
+FIG7 = 0.355220528250598985031742370212
+"""s of the crisis of Fig. 7."""
+AT_R = {0.25: 0.361532047552305157160506350248, 0.35: 0.349262216481894132923365508288}
+
+
+def unstable(s, r=0.3):
+    """The unstable 2:1 that is born at the ghost grazing."""
+    model = ImpactPair(beta=math.pi / 6, r=r, A=5.0, s=s)
+    found = find_orbits(model, "2:1", parameter="s")
+    return next(o for o in found if o.physical and not o.stable)
+
+
+@pytest.fixture(scope="module")
+def crisis():
+    found = locate_crisis(unstable(0.3556), impacts=20_000)
+    assert isinstance(found, Crisis)
+    return found
+
+
+def test_the_crisis_of_fig_7(crisis):
+    assert abs(crisis.value - FIG7) <= crisis.error < 1e-12
+    assert crisis.label == "CR[1:1/C|2:1]"
+    assert (crisis.type, crisis.after, crisis.homoclinic) == ("boundary", "2:1", True)
+    assert crisis.value < crisis.seen < crisis.value + 2e-5
+    assert crisis.orbit.value == crisis.value
+    record = crisis.as_record()
+    assert record["parameters"]["d"] == pytest.approx(0.22112, abs=5e-6)  # as simulated before
+
+
+def test_the_connection_grazes_and_ends_at_the_orbit(crisis):
+    assert crisis.velocities[crisis.grazing] == pytest.approx(0.0, abs=1e-15)
+    end = sorted(crisis.velocities[-3:])
+    assert end == pytest.approx(sorted(crisis.orbit.velocities), abs=1e-10)
+    start = sorted(crisis.velocities[:3])
+    assert start == pytest.approx(sorted(crisis.orbit.velocities), abs=1e-2)
+
+
+def test_simulation_leaves_the_attractor_just_beyond(crisis):
+    """From the point of the path behind the grazing, 1e-5 below; above, `seen` is simulated."""
+    simulator = Simulator(crisis.model.replace(s=crisis.value - 1e-5))
+    k = crisis.grazing + 1
+    state = simulator.state(crisis.walls[k], crisis.times[k], crisis.velocities[k])
+    found = settle(simulator, state, Settling(periods=20_000))
+    assert (found.kind, found.notation) == (Kind.PERIODIC, "2:1")
+
+
+@pytest.mark.parametrize("laps", [(1, 0), (0, 1), (2, 2)])
+def test_more_laps_change_nothing(crisis, laps):
+    found = solve(*crisis.path.problem.longer(crisis.path.unknowns, *laps))
+    assert abs(found.unknowns[-1] - FIG7) <= error_of(found) < 1e-12
+
+
+def test_the_equations_derivatives(crisis):
+    problem, z = crisis.path.problem, crisis.path.unknowns
+    jacobian = problem.evaluate(z).jacobian
+    for k in (0, 1, 2 * crisis.grazing, len(z) - 2, len(z) - 1):
+        step = np.zeros(len(z))
+        step[k] = 1e-6
+        difference = problem.evaluate(z + step).residual - problem.evaluate(z - step).residual
+        assert difference / 2e-6 == pytest.approx(jacobian[:, k], abs=1e-8)
+
+
+def test_a_curve_in_two_parameters(crisis):
+    curve = follow_crisis(crisis, "r", (0.25, 0.35))
+    assert (curve.values[0, 1], curve.values[-1, 1]) == (0.25, 0.35)
+    assert curve.physical.all()
+    assert curve.errors.max() < 1e-12
+    for row, r in ((0, 0.25), (-1, 0.35)):
+        assert abs(curve.values[row, 0] - AT_R[r]) <= curve.errors[row]
+    assert curve.at(0.3) == pytest.approx([FIG7], abs=1e-13)
+
+
+def test_refusals():
+    assert isinstance(locate_crisis(unstable(0.35)), NoCrisis)  # below the crisis
+    model = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.35)
+    stable = next(o for o in find_orbits(model, "2:1", parameter="s") if o.stable)
+    with pytest.raises(InputError, match="one multiplier"):
+        locate_crisis(stable)
