@@ -61,7 +61,7 @@ LONGEST_TAIL = 8
 """Impacts of the first orbit at most."""
 BEFORE = DEPTH + (LAPS + 1) * LONGEST_TAIL
 """Impacts of a simulated path before its arrival at the orbit."""
-ENTRIES, PATHS = 100, 40
+ENTRIES, PATHS = 50, 40
 """Arrivals looked at, and different paths solved for, at most."""
 SAME_FLIGHT = 1e-6
 """How well a simulated flight repeats one of a path; beside a grazing it does by the square root of
