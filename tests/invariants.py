@@ -100,6 +100,11 @@ def check_way(points, walk, switched):
         assert not looked_for or explained_by(points, walk, i, lambda kind: kind.crossing)
 
 
+UPRIGHT = 1e-12
+"""A parameter's rate below this is that of a branch that turns at the point: its sign is rounding,
+as where a contact vanishes."""
+
+
 def check_events(points, walk):
     """Events are in order, between the points they lie between, and solve their equations."""
     places, values = points.arclengths, points.unknowns[:, -1]
@@ -112,7 +117,8 @@ def check_events(points, walk):
         assert event.error >= 0.0
         after = min(max(int(np.searchsorted(places, place)), 1), len(places) - 1)
         left, right = points[after - 1], points[after]
-        if left.tangent[-1] * right.tangent[-1] > 0.0:  # no fold between them
+        rates = left.tangent[-1], right.tangent[-1]
+        if rates[0] * rates[1] > 0.0 and min(map(abs, rates)) > UPRIGHT:  # no fold between them
             low, high = sorted(values[after - 1 : after + 1])
             slack = event.error + 1e-9 * (high - low) + 1e-12 * abs(high)
             assert low - slack <= event.parameter <= high + slack

@@ -4,7 +4,8 @@ An orbit turns unphysical at a G, V or T, and the number of its multipliers outs
 changes at an FB, BP, PD or NS, or where impacts merge (T): each kind says so itself. Where it does
 so between two points, an event of a kind that was asked for may have caused it, and none was found,
 the arc is searched again, ever closer to the change; what is still not explained is recorded as
-missed. A change that only other kinds cause costs nothing.
+missed. A change that only other kinds cause costs nothing. A walk that starts on an event has the
+stability of neither side there: a point next to the start tells with which one it leaves.
 """
 
 from __future__ import annotations
@@ -36,6 +37,12 @@ BISECTIONS = 44
 CLOSED_IN = 1e-12
 """An arc shorter than this part of the way along the branch is no longer than rounding."""
 
+BESIDE = (1e-8, 1e-6, 1e-4, 1e-2)
+"""Fractions of the first step at which a point is tried that tells how a walk leaves an event."""
+
+ON_CIRCLE = 1e-6
+"""A multiplier nearer to the unit circle than this, so near to an event, tells nothing."""
+
 BLURRED = 10.0
 """How near to a branch point the status of points tells nothing, in roots of the tolerance."""
 
@@ -56,7 +63,8 @@ def explain_changes(
     settings : Settings
         Of the walk.
     switched : bool
-        Whether the walk starts on an event, where a status is that of neither side.
+        Whether the walk starts on an event, where a status is that of neither side: its stability
+        is taken from next to it.
     """
     asked = {test.kind for test in tests}
     sought = {kind_of(kind).changes for kind in asked} - {None}
@@ -64,9 +72,16 @@ def explain_changes(
         return walk
     events, missed = list(walk.events), list(walk.missed)
     turn = walk.points[-1].arclength if walk.end.kind is EndKind.CLOSED else np.inf
-    for i, j, change in _changes(walk, sought, places_with_status(walk, settings)):
-        left, right = walk.points[i], walk.points[j]
-        if (switched and i == 0) or _explains(events, left, right, change, turn):
+    places = places_with_status(walk, settings)
+    changes = [
+        (walk.points[i], walk.points[j], change)
+        for i, j, change in _changes(walk, sought, places)
+        if i > 0 or not switched
+    ]
+    if switched and Change.STABILITY in sought and 1 in places:
+        changes[:0] = _change_on_leaving(problem, walk, settings)
+    for left, right, change in changes:
+        if _explains(events, left, right, change, turn):
             continue
         if asked.isdisjoint(_causes(left, right, change)):
             continue
@@ -112,6 +127,27 @@ def _changes(
     return sorted(changes, key=lambda found: found[0])
 
 
+def _change_on_leaving(
+    problem: OrbitProblem, walk: Walk[Linearisation], settings: Settings
+) -> list[tuple[OrbitPoint, OrbitPoint, Change]]:
+    """The change of stability between next to the event a walk starts on and its first point."""
+    first = walk.points[1]
+    arc = _arc(problem, walk.points[0], first, settings)
+    for fraction in BESIDE:
+        beside = arc.at(fraction)
+        if beside is None or not arc.left.arclength < beside.arclength < first.arclength:
+            continue
+        if np.all(np.abs(np.abs(beside.evaluation.multipliers) - 1.0) > ON_CIRCLE):
+            changed = beside.evaluation.n_unstable != first.evaluation.n_unstable
+            return [(beside, first, Change.STABILITY)] if changed else []
+    return []
+
+
+def _arc(problem: OrbitProblem, left: OrbitPoint, right: OrbitPoint, settings: Settings) -> Arc:
+    span = abs(right.parameter - left.parameter) or abs(left.parameter) or 1.0
+    return Arc(problem, left, right, problem.scale(left.unknowns, span), settings)
+
+
 def _explains(
     events: Sequence[OrbitEvent],
     left: OrbitPoint,
@@ -150,16 +186,14 @@ def _bisect_change(
     change: Change,
 ) -> tuple[list[OrbitEvent], list[MissedEvent]]:
     """Bisect the change of status, and look for the event on ever shorter arcs."""
-    span = abs(right.parameter - left.parameter) or abs(left.parameter) or 1.0
-    scale = problem.scale(left.unknowns, span)
-    arc = Arc(problem, left, right, scale, settings)
+    arc = _arc(problem, left, right, settings)
     state = _state_of(change)
     here = state(left)
     for bisection in range(BISECTIONS):
         if bisection in SEARCHED:
             found = _find(tests, arc)
             if any(kind_of(event.kind).changes is change for event in found):
-                return found, []
+                return [arc.holding(event) for event in found], []
         middle = arc.at(0.5)
         ends = arc.left.arclength, arc.right.arclength
         if middle is None or not ends[0] < middle.arclength < ends[1]:

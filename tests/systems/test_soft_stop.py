@@ -179,6 +179,37 @@ def test_words_off_the_graph_are_refused():
 # Ever stiffer
 
 
+@pytest.mark.parametrize("stiffness", [1e4, 1e6])
+@pytest.mark.parametrize("low", [0.6, 1.7])
+@pytest.mark.quick(1)
+def test_a_fold_next_to_a_birth_is_found_whatever_the_first_step(stiffness, low):
+    """Next to its birth the branch has the stable multipliers of the motion without contact, and
+    is unstable at its first point; the stretch between shrinks like 1/k_b^2, as at k_b = 1000."""
+
+    def born(k_b, low):
+        model = soft_stop(omega=1.9, c=0.1, k_b=k_b)
+        (quiet,) = find_orbits(model, "0", parameter="omega")
+        (touch,) = continue_orbit(quiet, "omega", (1.6, 2.0), events=["G"]).events
+        assert touch.stable
+        limits = (low, 2.0 if low < 1.0 else 1.8)
+        return touch, continue_born(touch, model, limits, events=["FB", "PD", "V"])
+
+    touch, usual = born(1e3, 1.7)
+    (known,) = [touch.value - e.value for e in usual.events if e.kind == "FB"]
+    touch, branch = born(stiffness, low)
+    apart = [touch.value - e.value for e in branch.events if e.kind == "FB"][0]
+    assert apart == pytest.approx(known * (1e3 / stiffness) ** 2, rel=0.03)
+    (birth,) = [i for i, e in enumerate(branch.events) if e.kind == "V"]
+    fold = branch.events[birth + 1]
+    assert fold.kind == "FB"
+    inside = (branch["arclength"] > branch.events[birth].arclength) & (
+        branch["arclength"] < fold.arclength
+    )
+    assert inside.any()
+    assert not branch["n_unstable"][inside].any()
+    assert branch.missed == []
+
+
 class StopOfRatio(SoftStop):
     """The soft stop by the damping ratio zeta of contact: c_b = 2 zeta sqrt(k_b)."""
 
