@@ -163,8 +163,12 @@ class Grazing(OrbitTest):
             at_rest = begun is not None and begun.on_surface and details["impact"] in here.resting
             return not (at_rest or is_brief(problem, here.unknowns, flight))
         ends = problem.times_around(here.unknowns, flight)
-        apart = min(abs(details["touch_time"] - end) for end in ends)
-        return sliding_kind_of_touch(problem, details) != ADDING or apart > AT_END * here.span
+        apart, impact = min(
+            (abs(details["touch_time"] - end), flight + i) for i, end in enumerate(ends)
+        )
+        if apart > AT_END * here.span:
+            return True
+        return sliding_kind_of_touch(problem, details) != ADDING and not _is_slow(here, impact)
 
     def details(self, point: OrbitPoint, index: int) -> Details:
         if index >= len(self.places):
@@ -285,6 +289,15 @@ class G(Kind):
 
     def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
         return touch_points(_since_impact, _orbit_with_touch, lambda here: here.orbit)
+
+
+def _is_slow(here: Linearisation, impact: int) -> bool:
+    """Whether the velocity of an impact is as small as touches at its time make it."""
+    problem = here.problem
+    if not problem.word.walls:
+        return False
+    velocity = problem.impacts(here.unknowns)[impact % len(problem.word), 1]
+    return bool(abs(velocity) < AT_END * problem.scale(here.unknowns, 1.0)[1])
 
 
 # Touches.
