@@ -17,7 +17,7 @@ from ..models.guards import graph
 from ..models.model import Model, Symmetry
 from ..models.word import Word, parse_word
 from ..progress import Asked, Progress, ignore_progress, progress_lines
-from ..segments.arithmetic import ARRAYS
+from ..segments.arithmetic import STATES
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION
 from .orbit import Orbit
@@ -284,7 +284,7 @@ def _evaluate_all(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
         leaving = [k for k, kind in enumerate(problem.kinds) if kind == (a, b)]
         arriving = [(k + 1) % n for k in leaving]
         start, end = (np.ascontiguousarray(e[:, leaving].transpose(2, 0, 1)) for e in (z, arrivals))
-        blocks = problem.kernels.segment(a, b).over(ARRAYS)
+        blocks = problem.kernels.segment(a, b).over(STATES)
         rows, by_start, by_end, _ = blocks(start, end, p)
         for i in range(m):
             residual[:, leaving, i] = rows[i]

@@ -171,3 +171,6 @@ ARRAYS = Arithmetic(
     | stumpff.STUMPFF_ARRAY
     | array_transients.ARRAY
 )
+
+STATES = Arithmetic({**ARRAYS.names, **linear_flow.STATES, **integration.STATES})
+"""Arrays, where derivatives of linear and of integrated flights by parameters are not asked for."""

@@ -715,6 +715,15 @@ def flown_of_arrays(field: str, directions: str, *numbers: Any) -> Array:
     return found.T.reshape(-1, *shape)
 
 
+def flown_of_states(field: str, directions: str, *numbers: Any) -> Array:
+    """Return the same without derivatives by parameters, which are put at zero."""
+    by, known = directions.split(), statement(field)
+    moved = [name for name in by if name not in known.parameters]
+    found = flown_of_arrays(field, " ".join(moved), *numbers)
+    rows = 2 * known.freedom * (len(by) - len(moved))
+    return np.concatenate([found, np.zeros((rows, *found.shape[1:]))])
+
+
 def rounding_scale(field: str, directions: str, numbers: Sequence[float], found: Array) -> Array:
     """Return what the results of `flown` are rounded beside.
 
@@ -732,6 +741,7 @@ def rounding_scale(field: str, directions: str, numbers: Sequence[float], found:
 
 SCALAR: dict[str, Callable[..., Any]] = {"flown": flown, "flown_of_series": flown_of_series}
 ARRAY: dict[str, Callable[..., Any]] = {"flown": flown_of_arrays}
+STATES: dict[str, Callable[..., Any]] = {"flown": flown_of_states}
 
 
 def multiprecision_functions(ctx: Any) -> dict[str, Callable[..., Any]]:

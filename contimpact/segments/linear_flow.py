@@ -367,6 +367,15 @@ def flow_of_arrays(d: int, h: int, directions: int, dt: Any, *numbers: Any) -> A
     return found.reshape(given[0].size, -1).T.reshape(-1, *given[0].shape)
 
 
+def flow_of_states(d: int, h: int, directions: int, dt: Any, *numbers: Any) -> Array:
+    """Return the same without derivatives by parameters, which are put at zero: half the size of
+    the matrices, of which searches have many."""
+    given = numbers[: len(numbers) // (1 + directions)]
+    found = flow_of_arrays(d, h, 0, dt, *given)
+    size = 2 * directions * d * Shape(d, h, 0).size
+    return np.concatenate([found, np.zeros((size, *found.shape[1:]))])
+
+
 def make_flow(summed: Summed) -> Callable[..., list[Any]]:
     """Return `flow` for numbers of another kind, from what sums the series of these."""
 
@@ -603,6 +612,7 @@ def make_series(ctx: Any) -> Summed:
 
 SCALAR = {"flow": flow, "flow_of_series": flow_of_series}
 ARRAY = {"flow": flow_of_arrays}
+STATES = {"flow": flow_of_states}
 
 
 def multiprecision_functions(ctx: Any) -> dict[str, Callable[..., Any]]:

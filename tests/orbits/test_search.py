@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +14,9 @@ from contimpact.errors import InputError
 from contimpact.models.word import Word
 from contimpact.orbits import search
 from contimpact.orbits.search import find_orbits, orbit_at, solve_near
+from contimpact.results.scene import read_scene
+from contimpact.segments.arithmetic import ARRAYS, STATES
+from contimpact.segments.kernels import Kernels
 
 
 @pytest.fixture
@@ -501,3 +506,21 @@ def test_orbit_at_nowhere(pair, orbits, problem_of):
     for value in (math.nan, math.inf):
         with pytest.raises(InputError):
             orbit_at(problem, np.full(5, value))
+
+
+@pytest.mark.parametrize("name", ["two_masses", "impact_duffing"])
+def test_starts_are_evaluated_without_derivatives_by_parameters(name):
+    """What a search asks of flights is the same to rounding as with all derivatives."""
+    if name == "impact_duffing":
+        pytest.importorskip("heyoka")
+    text = (Path(__file__).parents[2] / "branches" / name / "scene.toml").read_text("utf-8")
+    model = read_scene(tomllib.loads(text)).model
+    a, b = "AA" if name == "two_masses" else "UD"
+    segment, generator = Kernels(model, "omega").segment(a, b), np.random.default_rng(5)
+    start, end = generator.normal(size=(2, 4, 7))
+    end[0] = start[0] + generator.uniform(0.1, 2.0, 7)
+    p = list(model.values.values())
+    found, whole = (segment.over(arithmetic)(start, end, p) for arithmetic in (STATES, ARRAYS))
+    for part, other in zip(found[:3], whole[:3], strict=True):
+        for x, y in zip(part, other, strict=True):
+            np.testing.assert_allclose(x, y, rtol=1e-12, atol=1e-12)
