@@ -197,7 +197,7 @@ def test_a_fold_next_to_a_birth_is_found_whatever_the_first_step(stiffness, low)
     touch, usual = born(1e3, 1.7)
     (known,) = [touch.value - e.value for e in usual.events if e.kind == "FB"]
     touch, branch = born(stiffness, low)
-    apart = [touch.value - e.value for e in branch.events if e.kind == "FB"][0]
+    apart = next(touch.value - e.value for e in branch.events if e.kind == "FB")
     assert apart == pytest.approx(known * (1e3 / stiffness) ** 2, rel=0.03)
     (birth,) = [i for i, e in enumerate(branch.events) if e.kind == "V"]
     fold = branch.events[birth + 1]
