@@ -15,6 +15,7 @@ from ..diagrams.starting_orbits import (
     search_at,
 )
 from ..errors import InputError, printable
+from ..models.word import name_orbit
 from ..progress import Progress
 from ..results.options import CurveOptions
 from ..results.scene import Scene, load_scene, systems_of
@@ -96,7 +97,7 @@ def _orbits(scene: Scene, kernels: Kernels, tell: Progress) -> list[str]:
             missing.append(not_found(scene, kernels, word, tell))
             shown += missing[-1].but
             shown += f"; {missing[-1].nearby or f'none at {SURVEYED} other values'}"
-        lines.append(f"{word.notation(letters)} (word {word}): {shown}")
+        lines.append(f"{name_orbit(word.notation(letters), str(word), 'word ')}: {shown}")
     surveyed = scene.survey and any(each.elsewhere for each in missing)
     if len(missing) == len(scene.orbits) and not surveyed:
         raise refusal(missing, settled)

@@ -85,6 +85,11 @@ class Word:
         return [shift for shift in range(n) if doubled[shift : shift + n] == self.walls]
 
 
+def name_orbit(notation: str, walls: str, what: str = "") -> str:
+    """Return a notation, with the word where the notation is not the word itself: ``2:1 (BBT)``."""
+    return notation if walls in notation else f"{notation} ({what}{walls})"
+
+
 def is_rotation(one: str, other: str) -> bool:
     """Whether two words are cyclic shifts of each other."""
     return len(one) == len(other) and one in other * 2

@@ -12,7 +12,7 @@ from ..arrays import Array
 from ..display import NotebookResult, Summary, frame, limit_lines
 from ..errors import InputError
 from ..models.model import Model
-from ..models.word import Word
+from ..models.word import Word, name_orbit
 from ..segments.kernels import Kernels
 from .problem import Linearisation, OrbitProblem, Path, motion_of, path_of
 from .quiet import problem_of
@@ -206,7 +206,9 @@ class Orbit(NotebookResult):
     def _head(self) -> str:
         state = f"{'' if self.stable else 'un'}stable{'' if self.physical else ', unphysical'}"
         factors = ", ".join(f"{_plain_number(mu):.6g}" for mu in self.multipliers)
-        place = f"{self.notation} ({self.word}) at {self.parameter} = {self.value:.12g}"
+        place = (
+            f"{name_orbit(self.notation, str(self.word))} at {self.parameter} = {self.value:.12g}"
+        )
         return f"Orbit {place}: {state}; multipliers {factors}"
 
     def __repr__(self) -> str:

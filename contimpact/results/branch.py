@@ -16,7 +16,7 @@ from ..continuation.ends import End, EndKind
 from ..display import NotebookResult, Summary, frame, limit_lines
 from ..errors import InputError, printable, short_repr
 from ..models.model import Model
-from ..models.word import Word
+from ..models.word import Word, name_orbit
 from ..orbits.orbit import Orbit
 from ..orbits.problem import OrbitProblem
 from ..orbits.quiet import problem_of
@@ -608,7 +608,7 @@ class Branch(Columns):
     def _head(self) -> str:
         values = self[self.parameter]
         return (
-            f"Branch {self.id}: {self.notation} ({self.word or 0}), {len(self)} points, "
+            f"Branch {self.id}: {name_orbit(self.notation, self.word)}, {len(self)} points, "
             f"{self.parameter} from {values.min():.9g} to {values.max():.9g}"
         )
 

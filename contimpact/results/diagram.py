@@ -33,7 +33,7 @@ class Limit:
 
     key: str
     """Key of the scene, such as ``follow.max_branches``; a larger value goes further, or true."""
-    value: int
+    value: int | bool
     what: str
     """What was left out, in words: orbits not followed, events not switched at, ..."""
     left_out: Sequence[tuple[str, int]]

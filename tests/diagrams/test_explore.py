@@ -82,7 +82,7 @@ def test_orbits_that_max_branches_leaves_out_are_reported():
     assert "follow.max_branches = 1 was reached; orbits not followed: " in found._repr_html_()
 
 
-def test_without_unphysical_orbits_every_stable_range_is_found():
+def test_without_unphysical_orbits_every_stable_range_is_found(tmp_path):
     """Branches end a step behind the events at which orbits turn unphysical, which are located."""
     asked = {"orbits": ["1:1", "2:1"], "switch": ["PD", "G"], "range": [0.27, 0.4]}
     whole, physical = (follow(small(**asked, unphysical=each)) for each in (True, False))
@@ -99,6 +99,8 @@ def test_without_unphysical_orbits_every_stable_range_is_found():
     (limit,) = {i.key: i for i in physical.limits if i.key == "follow.unphysical"}.values()
     assert str(limit).startswith("follow.unphysical = false; ")
     assert str(limit).endswith("; true includes them")
+    write_diagram(physical, tmp_path / "out")
+    assert load_diagram(tmp_path / "out").limits == physical.limits
     ends = [end for branch in physical for end in branch.ends if end.kind.name == "UNPHYSICAL"]
     assert "passes wall" in ends[0].message
 
