@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from .certificates.certify import certify as certify
     from .continuation.settings import Settings as Settings
     from .diagrams.codim2_curves import follow_codim2 as follow_codim2
+    from .diagrams.crises import find_crises as find_crises
     from .diagrams.crises import follow_crisis as follow_crisis
     from .diagrams.crises import locate_crisis as locate_crisis
     from .diagrams.curves import follow_curve as follow_curve
@@ -120,6 +121,7 @@ _PLACES = {
     "follow": "diagrams.explore",
     "follow_codim2": "diagrams.codim2_curves",
     "follow_curve": "diagrams.curves",
+    "find_crises": "diagrams.crises",
     "locate_crisis": "diagrams.crises",
     "follow_crisis": "diagrams.crises",
     "follow_isoline": "diagrams.isolines",

@@ -120,6 +120,8 @@ def _report_simulation(result: Simulation, folder: Path) -> None:
             say(line)
     if wide := sum(t.wide is not None for t in result.transitions):
         say(f"{wide} of {len(result.transitions)} brackets are wider than simulate.width")
+    for crisis in result.crises:
+        say(f"  {crisis}")
     if result.coverage is not None:
         say(f"{len(result.coverage.matches)} attractors lie on branches")
         for u in result.coverage.uncovered:

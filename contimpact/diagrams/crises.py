@@ -30,14 +30,22 @@ from ..models.model import Model
 from ..models.word import Word
 from ..orbits.orbit import Orbit
 from ..orbits.search import solve_near
+from ..results.diagram import Diagram
 from ..results.options import CURVE_SETTINGS
 from ..results.simulate_tables import SETTLING, Settling
 from ..segments.kernels import Kernels
 from ..segments.touches import interior_touches
 from ..simulation.attractor import Attractor, Kind
+from ..simulation.basins import orbits_on
 from ..simulation.run import Run, State
 from ..simulation.settle import settle
 from ..simulation.simulator import Simulator
+from ..simulation.sweep import Sweep
+from ..simulation.transitions import all_changes
+from ..storage.texts import Json, json_text
+
+CRISES = "contimpact.crises/1"
+"""Schema of ``crises.json``."""
 
 BESIDE = 1e-6
 """How far beside an orbit the motion along its unstable manifold starts."""
@@ -47,8 +55,6 @@ NEARER = 0.01, 0.02, 0.05, 0.2, 0.5
 """Parts of the distance to a crisis at which the attractor is looked for again."""
 NEAR = 0.05
 """The part of it within which it has to be seen, and the crisis found, once more."""
-BEYOND = 5.0
-"""How many times further beyond a crisis it is looked what the motion settles on."""
 TRIALS = 8
 """How often a crisis is looked for again, nearer by."""
 DEPTH = 24
@@ -79,10 +85,10 @@ class Crisis:
     label: str
     """``CR[1:1/C|2:1]``: the attractor, and the orbit whose stable manifold it touches."""
     type: str | None
-    """``boundary`` if the motion leaves the attractor beyond, ``interior`` if it stays complex
-    there, None where neither was seen."""
-    after: str | None
-    """What the motion settles on beyond, by its notation."""
+    """``boundary`` if the motion leaves the attractor beyond; None if it stays complex as long as
+    it was simulated there: the crisis is an interior one, or the transient longer."""
+    after: str
+    """What the motion settles on, as far beyond as the first orbit was before the crisis."""
     seen: float
     """The nearest value of the parameter at which simulation has shown the attractor."""
     orbit: Orbit
@@ -90,7 +96,7 @@ class Crisis:
     path: Connected = field(repr=False)
     """The connection that grazes."""
     model: Model = field(repr=False)
-    kernels: Kernels = field(repr=False)
+    """The model at the crisis."""
 
     @property
     def walls(self) -> str:
@@ -143,9 +149,8 @@ class Crisis:
 
     def __str__(self) -> str:
         kind = f", {self.type}" if self.type else ""
-        beyond = f"; beyond: {self.after}" if self.after else ""
         place = f"{self.parameter} = {self.value:.15g} (+- {self.error:.1g})"
-        return f"{self.label} at {place}{kind}{beyond}"
+        return f"{self.label} at {place}{kind}; beyond: {self.after}"
 
 
 @dataclass(frozen=True)
@@ -191,7 +196,7 @@ def locate_crisis(
     if simulator.several or model.autonomous:
         accepted = "crises are located of one forced coordinate between rigid walls"
         raise InputError("orbit", f"one of {model.SYSTEM}", accepted)
-    if not (orbit.physical and abs(orbit.multipliers[0]) > 1.0 > abs(orbit.multipliers[1])):
+    if not _saddle(orbit):
         accepted = "give a physical orbit with one multiplier outside the unit circle"
         raise InputError("orbit", repr(orbit), accepted)
     attractor = settle(simulator, start) if start else _beside(simulator, orbit)
@@ -208,7 +213,7 @@ def locate_crisis(
         value = float(path.unknowns[-1])
         close = abs(orbit.value - value) <= NEAR * abs(begun - value)
         if close and known is not None and abs(value - known) <= 2.0 * error:
-            return _crisis(orbit, attractor, path, error)
+            return _crisis(orbit, attractor, path, error, 2.0 * value - begun)
         known = value
         nearer = _nearer(orbit, attractor, value)
         if nearer is None:
@@ -219,6 +224,69 @@ def locate_crisis(
         return NoCrisis(f"no simulated path leads to a grazing one to {orbit.notation} at {place}")
     reached = f"the nearest connection is at {known:.9g}, and the attractor was seen at {place}"
     return NoCrisis(f"{reached}, but not both near to each other; simulate more impacts")
+
+
+def find_crises(
+    sweep: Sweep, diagram: Diagram, *, impacts: int = 40_000
+) -> list[Crisis | NoCrisis]:
+    """Find the crises that end complex motion along a sweep.
+
+    Parameters
+    ----------
+    sweep : Sweep
+    diagram : Diagram
+        Branches of the same system: their orbits that are physical and unstable in one direction
+        are those of which a crisis is looked for.
+    impacts : int
+        Simulated on each attractor.
+
+    Returns
+    -------
+    list of Crisis or NoCrisis
+        One for each pair of neighbouring values between which complex motion gives way to another
+        one: the crisis between them that is met first, or why there is none.
+    """
+    found: list[Crisis | NoCrisis] = []
+    kernels = Kernels(sweep.model, sweep.parameter)
+    for before, after in all_changes(sweep):
+        if before.attractor.kind is not Kind.COMPLEX or after.attractor.kind is Kind.COMPLEX:
+            continue
+        orbits = [
+            orbit
+            for branch in diagram.branches
+            if branch.word
+            for orbit in orbits_on(branch, sweep, before.value, kernels)
+            if _saddle(orbit)
+        ]
+        tried = [locate_crisis(o, before.attractor.state, impacts=impacts) for o in orbits]
+        low, high = sorted((before.value, after.value))
+        met = [c for c in tried if isinstance(c, Crisis) and low <= c.value <= high]
+        if met:
+            found.append(min(met, key=lambda c: abs(c.value - before.value)))
+            continue
+        words = ", ".join(sorted({orbit.notation for orbit in orbits})) or "none"
+        found.append(
+            NoCrisis(
+                f"{before.attractor.notation} ends between {sweep.parameter} = {before.value:.9g} "
+                f"and {after.value:.9g} ({before.direction}), at no crisis that was found of the "
+                f"unstable orbits followed there: {words}"
+            )
+        )
+    return found
+
+
+def crises_text(found: Sequence[Crisis | NoCrisis], parameter: str) -> str:
+    """Return ``crises.json``."""
+    crises = [crisis.as_record() for crisis in found if isinstance(crisis, Crisis)]
+    without = [none.reason for none in found if isinstance(none, NoCrisis)]
+    head: dict[str, Json] = {"schema": CRISES, "parameter": parameter}
+    return json_text({**head, "crises": crises, "unexplained": without})
+
+
+def _saddle(orbit: Orbit) -> bool:
+    """Whether an orbit is physical and unstable in one direction."""
+    first, second = (abs(mu) for mu in orbit.multipliers[:2])
+    return bool(orbit.physical and first > 1.0 > second)
 
 
 def _nearest(orbit: Orbit, attractor: Attractor, impacts: int) -> tuple[Connected, float] | None:
@@ -407,31 +475,21 @@ def _physical(path: Connected) -> bool:
     return True
 
 
-def _crisis(orbit: Orbit, attractor: Attractor, path: Connected, error: float) -> Crisis:
+def _crisis(
+    orbit: Orbit, attractor: Attractor, path: Connected, error: float, beyond: float
+) -> Crisis:
     """Describe a crisis: the orbit there, and what the motion settles on beyond."""
     value = float(path.unknowns[-1])
     here = solve_near(orbit.problem, np.append(orbit.unknowns[:-1], value))
     there = Orbit(orbit.problem, here) if here is not None else orbit
     label = f"CR[{attractor.notation}|{orbit.notation}]"
-    step = max(BEYOND * abs(value - orbit.value), 1e-5 * abs(value))
-    beyond = value + float(np.copysign(step, value - orbit.value))
     model = orbit.model.replace(**{orbit.parameter: beyond})
     kernels = orbit.problem.kernels
     after = settle(Simulator(model, kernels), attractor.state, PATIENT)
-    type_ = {Kind.COMPLEX: "interior", Kind.NOT_SETTLED: None}.get(after.kind, "boundary")
-    told = after.notation if type_ else None
+    type_ = None if after.kind in (Kind.COMPLEX, Kind.NOT_SETTLED) else "boundary"
+    notation = after.notation
     return Crisis(
-        orbit.parameter,
-        value,
-        error,
-        label,
-        type_,
-        told,
-        orbit.value,
-        there,
-        path,
-        there.model,
-        kernels,
+        orbit.parameter, value, error, label, type_, notation, orbit.value, there, path, there.model
     )
 
 

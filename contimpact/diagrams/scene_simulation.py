@@ -44,8 +44,19 @@ if TYPE_CHECKING:
     from ..results.diagram import Diagram
     from ..simulation.basins import Basins, Coverage
     from ..simulation.simulator import Simulator
+    from .crises import Crisis, NoCrisis
 
-STAGES = ("branches", "sweep", "random", "swept", "transitions", "coverage", "portraits", "basins")
+STAGES = (
+    "branches",
+    "sweep",
+    "random",
+    "swept",
+    "transitions",
+    "crises",
+    "coverage",
+    "portraits",
+    "basins",
+)
 """After `swept` there are pictures: what follows may take long."""
 
 
@@ -56,6 +67,7 @@ class Simulation:
     scene: Scene
     sweep: Sweep
     transitions: list[Transition] = field(default_factory=list)
+    crises: list[Crisis | NoCrisis] = field(default_factory=list)
     diagram: Diagram | None = None
     """The scene's branches, where [simulate] asks for them."""
     coverage: Coverage | None = None
@@ -259,6 +271,13 @@ class _Director:
         halvings = math.log2(max(span / self.options.width, 1.0))
         return halvings * self.result.seconds.get("sweep", 0.0) / values
 
+    def crises(self) -> None:
+        if self.options.crises and self.result.diagram is not None:
+            from .crises import find_crises
+
+            self.progress("locating crises")
+            self.result.crises = find_crises(self.result.sweep, self.result.diagram)
+
     def coverage(self) -> None:
         if self.result.diagram is not None:
             from ..simulation.basins import cover
@@ -370,6 +389,10 @@ def write_simulation(result: Simulation, folder: Path) -> list[str]:
         files["transitions.json"] = partial(
             transitions_text, result.transitions, scene.parameter, scene.simulate.width
         )
+    if scene.simulate.crises:
+        from .crises import crises_text
+
+        files["crises.json"] = partial(crises_text, result.crises, scene.parameter)
     if result.coverage is not None:
         files["coverage.json"] = partial(coverage_text, result.coverage, scene.parameter)
     if scene.simulate.losses:

@@ -53,7 +53,7 @@ WRITTEN = {
         r"(diagram|curves|codim2)\.(svg|png|pdf)|diagram\.html",
     ),
     "simulate": (
-        r"(sweep|energy|losses)\.csv|(transitions|coverage)\.json",
+        r"(sweep|energy|losses)\.csv|(transitions|crises|coverage)\.json",
         r"(attractors|exponents|energy|portrait\d+|basins\d+)\.(svg|png|pdf)",
     ),
 }

@@ -76,6 +76,8 @@ class SimulateOptions:
     """Starts along each side of a basin's picture."""
     losses: bool = False
     """Whether the kinetic energy that impacts take is told, too."""
+    crises: bool = False
+    """Whether crises are located where complex motion ends; needs the branches."""
     spacing: str = "even"
     """``even``, or ``reciprocal`` for values whose reciprocals are evenly spaced, as where the
     drawn quantity is inversely proportional to the parameter."""
@@ -154,8 +156,15 @@ def read_simulate(
         points["basins"],
         table.whole("grid", 40, least=2, most=LARGEST_GRID),
         table.truth("losses", False),
+        table.truth("crises", False),
         spacing,
     )
+    if options.crises and not options.branches:
+        raise InputError(
+            "simulate.crises",
+            "true, but branches are not followed",
+            "set simulate.branches = true: crises belong to unstable orbits on branches",
+        )
     table.finish()
     return options
 

@@ -74,7 +74,7 @@ def fingerprint(resolved: Mapping[str, Any]) -> str:
     """Return a digest of what decides the rows: model, followed parameter, and sweep."""
     parts = {name: resolved[name] for name in ("model", "simulate")}
     parts["parameter"] = resolved["follow"]["parameter"]
-    drawn = ("portraits", "basins", "grid", "branches", "transitions", "losses")
+    drawn = ("portraits", "basins", "grid", "branches", "transitions", "losses", "crises")
     parts["simulate"] = {k: v for k, v in parts["simulate"].items() if k not in drawn}
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 

@@ -6,19 +6,31 @@ out apart from the package, with three laps more at both ends.
 
 from __future__ import annotations
 
+import json
 import math
 
 import numpy as np
 import pytest
+from zoo import scene
 
 from contimpact.bifurcations.crisis import error_of, solve
-from contimpact.diagrams.crises import Crisis, NoCrisis, follow_crisis, locate_crisis
+from contimpact.diagrams.crises import (
+    Crisis,
+    NoCrisis,
+    crises_text,
+    find_crises,
+    follow_crisis,
+    locate_crisis,
+)
+from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.errors import InputError
 from contimpact.orbits.search import find_orbits
+from contimpact.results.diagram import Diagram
 from contimpact.results.simulate_tables import Settling
 from contimpact.simulation.attractor import Kind
 from contimpact.simulation.settle import settle
 from contimpact.simulation.simulator import Simulator
+from contimpact.simulation.sweep import sweep
 from contimpact.systems.impact_pair import ImpactPair
 
 FIG7 = 0.355220528250598985031742370212
@@ -34,8 +46,21 @@ def unstable(s, r=0.3):
 
 
 @pytest.fixture(scope="module")
-def crisis():
-    found = locate_crisis(unstable(0.3556), impacts=20_000)
+def swept():
+    """Complex motion, which starts beside the unstable 1:1, and what follows it."""
+    model = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.3558)
+    orbit = next(o for o in find_orbits(model, "1:1", parameter="s") if o.physical)
+    start = Simulator(model).state("B", orbit.times[0] + 1e-3, orbit.velocities[0])
+    found = sweep(model, "s", [0.3558, 0.3548], start=start)
+    assert [row.attractor.notation for row in found.rows] == ["1:1/C", "2:1"]
+    return found
+
+
+@pytest.fixture(scope="module")
+def crisis(swept):
+    """The crisis between both values, of the orbits on one branch."""
+    branch = continue_orbit(unstable(0.3556), range=(0.355, 0.3565), events=())
+    (found,) = find_crises(swept, Diagram("fig7", [branch]), impacts=20_000)
     assert isinstance(found, Crisis)
     return found
 
@@ -44,7 +69,7 @@ def test_the_crisis_of_fig_7(crisis):
     assert abs(crisis.value - FIG7) <= crisis.error < 1e-12
     assert crisis.label == "CR[1:1/C|2:1]"
     assert (crisis.type, crisis.after, crisis.homoclinic) == ("boundary", "2:1", True)
-    assert crisis.value < crisis.seen < crisis.value + 2e-5
+    assert crisis.value < crisis.seen < crisis.value + 3e-5
     assert crisis.orbit.value == crisis.value
     record = crisis.as_record()
     assert record["parameters"]["d"] == pytest.approx(0.22112, abs=5e-6)  # as simulated before
@@ -91,6 +116,17 @@ def test_a_curve_in_two_parameters(crisis):
     for row, r in ((0, 0.25), (-1, 0.35)):
         assert abs(curve.values[row, 0] - AT_R[r]) <= curve.errors[row]
     assert curve.at(0.3) == pytest.approx([FIG7], abs=1e-13)
+
+
+def test_an_end_without_a_crisis_is_reported(swept):
+    (found,) = find_crises(swept, Diagram("none", []))
+    assert "1:1/C ends between s = 0.3558 and 0.3548" in found.reason
+    assert json.loads(crises_text([found], "s"))["unexplained"] == [found.reason]
+
+
+def test_a_scene_needs_branches():
+    with pytest.raises(InputError, match=r"simulate\.branches = true"):
+        scene(simulate={"range": [0.35, 0.36], "crises": True})
 
 
 def test_refusals():
