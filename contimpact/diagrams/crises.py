@@ -69,6 +69,8 @@ BEFORE = DEPTH + (LAPS + 1) * LONGEST_TAIL
 """Impacts of a simulated path before its arrival at the orbit."""
 ENTRIES, PATHS = 50, 40
 """Arrivals looked at, and different paths solved for, at most."""
+ARRIVALS = 20
+"""Arrivals from which on those that follow the orbit twice are enough."""
 SAME_FLIGHT = 1e-6
 """How well a simulated flight repeats one of a path; beside a grazing it does by the square root of
 rounding."""
@@ -189,7 +191,7 @@ def locate_crisis(
     ------
     InputError
         For a system with several coordinates or without forcing, or an orbit that is not
-        unstable in one direction or not physical.
+        unstable in one direction, with a positive multiplier, or not physical.
     """
     model, problem = orbit.model, orbit.problem
     simulator = Simulator(model, problem.kernels)
@@ -197,7 +199,7 @@ def locate_crisis(
         accepted = "crises are located of one forced coordinate between rigid walls"
         raise InputError("orbit", f"one of {model.SYSTEM}", accepted)
     if not _saddle(orbit):
-        accepted = "give a physical orbit with one multiplier outside the unit circle"
+        accepted = "give a physical orbit with one multiplier above 1, and the others below"
         raise InputError("orbit", repr(orbit), accepted)
     attractor = settle(simulator, start) if start else _beside(simulator, orbit)
     if attractor is None or attractor.kind is not Kind.COMPLEX or attractor.state is None:
@@ -221,7 +223,8 @@ def locate_crisis(
         orbit, attractor = nearer
     place = f"{orbit.parameter} = {orbit.value:.9g}"
     if known is None:
-        return NoCrisis(f"no simulated path leads to a grazing one to {orbit.notation} at {place}")
+        none = f"no simulated path leads to one that grazes and ends at {orbit.notation} at {place}"
+        return NoCrisis(f"{none}, or the motion comes near to that orbit on both sides")
     reached = f"the nearest connection is at {known:.9g}, and the attractor was seen at {place}"
     return NoCrisis(f"{reached}, but not both near to each other; simulate more impacts")
 
@@ -284,9 +287,10 @@ def crises_text(found: Sequence[Crisis | NoCrisis], parameter: str) -> str:
 
 
 def _saddle(orbit: Orbit) -> bool:
-    """Whether an orbit is physical and unstable in one direction."""
-    first, second = (abs(mu) for mu in orbit.multipliers[:2])
-    return bool(orbit.physical and first > 1.0 > second)
+    """Whether an orbit is physical and unstable in one direction, with a positive multiplier: with
+    a negative one motion changes sides, so that no attractor ends on one of them."""
+    first, second = orbit.multipliers[:2]
+    return bool(orbit.physical and first.real > 1.0 > abs(second))
 
 
 def _nearest(orbit: Orbit, attractor: Attractor, impacts: int) -> tuple[Connected, float] | None:
@@ -336,7 +340,7 @@ def _solved(simulator: Simulator, orbit: Orbit, run: Run) -> list[Connected]:
     """Solve for the connections that the nearest arrivals at an orbit are close to."""
     given, text, times = (orbit.model, orbit.problem.kernels), run.word, run.times
     tried, found = set[tuple[str, int]](), list[Connected]()
-    for entry in _entries(run, text, orbit):
+    for entry in _entries(run, text, orbit) or ():
         part = slice(entry - BEFORE, entry)
         rows = np.column_stack([times[part], run.velocities[part]])
         rows[:, 0] -= run.period * np.floor(rows[0, 0] / run.period)
@@ -364,21 +368,35 @@ def _laps(orbit: Orbit, first: int, time: float, numbers: Iterable[int]) -> list
     return [lap + np.array([number * orbit.period, 0.0]) for number in numbers]
 
 
-def _entries(run: Run, text: str, orbit: Orbit) -> list[int]:
-    """Rows of a run from which it follows an orbit, those nearest to its stable manifold first."""
+def _entries(run: Run, text: str, orbit: Orbit) -> list[int] | None:
+    """Rows of a run from which it follows an orbit, those nearest to its stable manifold first.
+
+    The distance is that from the manifold's tangent, taken a lap later where the run follows the
+    orbit for so long: there the motion is nearer to the orbit by its small multiplier.
+
+    None if the motion comes near on both sides of the manifold.
+    """
     word, period, lap = orbit.word.walls, run.period, len(orbit.word)
-    rows = np.array([i for i in range(len(text)) if text.startswith(word, i)], dtype=int)
-    apart = run.phases[rows] - orbit.times[0]
-    apart -= period * np.round(apart / period)
-    _, _, left = unstable_direction(orbit.linearisation)
-    away = np.abs(left[0] * apart + left[1] * (run.velocities[rows] - orbit.velocities[0]))
-    known = dict(zip(rows.tolist(), away.tolist(), strict=True))
+    factor, _, left = unstable_direction(orbit.linearisation)
+    for laps in (2, 1):
+        rows = [i for i in range(BEFORE, len(text)) if text.startswith(word * laps, i)]
+        if len(rows) < ARRIVALS and laps > 1:
+            continue
+        at = np.array(rows, dtype=int) + (laps - 1) * lap
+        apart = run.phases[at] - orbit.times[0]
+        apart -= period * np.round(apart / period)
+        away = left[0] * apart + left[1] * (run.velocities[at] - orbit.velocities[0])
+        known = dict(zip(rows, (away / factor ** (laps - 1)).tolist(), strict=True))
+        break
     entries = [
         row
         for row, far in known.items()
-        if far < known.get(row - lap, np.inf) and far <= known.get(row + lap, np.inf)
+        if abs(far) < abs(known.get(row - lap, np.inf))
+        and abs(far) <= abs(known.get(row + lap, np.inf))
     ]
-    return sorted((row for row in entries if row >= BEFORE), key=known.__getitem__)[:ENTRIES]
+    nearest = sorted(entries, key=lambda row: abs(known[row]))[:ENTRIES]
+    sides = {known[row] > 0.0 for row in nearest[:ARRIVALS]}
+    return nearest if len(sides) == 1 else None
 
 
 Guess = tuple[str, int, Array, Word]

@@ -133,5 +133,8 @@ def test_refusals():
     assert isinstance(locate_crisis(unstable(0.35)), NoCrisis)  # below the crisis
     model = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.35)
     stable = next(o for o in find_orbits(model, "2:1", parameter="s") if o.stable)
-    with pytest.raises(InputError, match="one multiplier"):
-        locate_crisis(stable)
+    flipping = find_orbits(model, "1:1", parameter="s")
+    orbits = [stable, next(o for o in flipping if o.multipliers[0].real < -1.0)]
+    for orbit in orbits:
+        with pytest.raises(InputError, match="one multiplier above 1"):
+            locate_crisis(orbit)
