@@ -52,6 +52,10 @@ class EndKind(enum.Enum):
         "the period has grown to {period:.6g} at {parameter} = {value:.12g}, and {what}: the "
         "orbits come near to one that takes for ever, by an equilibrium (a homoclinic one)"
     )
+    ROUNDING = (
+        "rounding errors have grown to {error:.1g} at {parameter} = {value:.9g}: the flights "
+        "amplify them so much that orbits beyond are not told apart"
+    )
     KNOWN = "met branch {known} at {parameter} = {value:.12g}"
     UNPHYSICAL = (
         "the orbits are unphysical at {parameter} = {value:.12g} ({why}), and with unphysical = "

@@ -1,4 +1,4 @@
-"""Where branches of free period end: at an equilibrium, and where periods grow without bound."""
+"""Where branches of free period end: at equilibria, and where periods or rounding errors grow."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ import numpy as np
 
 from ..continuation.branch import Event, Point
 from ..continuation.ends import End, EndKind
+from ..continuation.problem import EPSILON
 from ..continuation.walk import Stop
 from ..orbits.problem import OrbitProblem
 from ..orbits.quiet import FreeQuietProblem
 
 LOST = 1e-9
-"""A residual, as part of the orbit's size, to which rounding errors have grown on a long flight."""
+"""A part of the orbit's size to which flights have amplified the rounding of their unknowns."""
 
 STILL = 1e-13
 """A change of the parameter within a step, as part of it, with which its value is known."""
@@ -58,17 +59,22 @@ class FreePeriodEnds:
         return End.of(EndKind.REST, problem.parameter, value), before
 
     def for_ever(self, before: Point, point: Point) -> tuple[End, Point] | None:
-        """The end where the period grows alone, or rounding errors with it."""
+        """The end where the period grows alone, or rounding errors, with it or without.
+
+        How much of them the equations amplify is smooth along the branch; a residual is not, and
+        would end the walk where a processor has it.
+        """
         here, problem = point.evaluation, self.problem
         longer = here.span > before.evaluation.span
         self.shortest = min(self.shortest, here.span)
         size = max(1.0, float(np.max(np.abs(problem.impacts(here.unknowns)[:, 1:]), initial=0.0)))
-        lost, step = here.largest_residual > LOST * size, point.parameter - before.parameter
+        error = EPSILON * float(np.max(np.abs(here.jacobian) @ np.abs(here.unknowns)))
+        lost, step = error > LOST * size, point.parameter - before.parameter
         still = before is not point and abs(step) < STILL * abs(point.parameter)
-        if not (longer and (lost or still) and here.span > LONG * self.shortest):
-            return None
-        what = f"{problem.parameter} changes no more"
-        if lost:
-            what = f"the rounding errors of so long a flight to {here.largest_residual:.1g}"
-        told = {"period": here.span, "what": what}
-        return End.of(EndKind.FOR_EVER, problem.parameter, point.parameter, **told), point
+        at, told = (problem.parameter, point.parameter), {"period": here.span, "error": error}
+        if longer and (lost or still) and here.span > LONG * self.shortest:
+            what = f"{problem.parameter} changes no more"
+            if lost:
+                what = f"the rounding errors of so long a flight to {error:.1g}"
+            return End.of(EndKind.FOR_EVER, *at, **told, what=what), point
+        return (End.of(EndKind.ROUNDING, *at, **told), point) if lost else None

@@ -39,7 +39,8 @@ QUICK = ["fig7", "stop"]
 """One scene of the pair and one of the oscillator: about a second each."""
 
 TO_A_POLE = {"belt_free": "b1"}
-"""Branches whose unphysical slip comes to a pole of the friction law, and ends."""
+"""Branches whose unphysical slip comes to a pole of the friction law, and ends where rounding is
+amplified to 1e-9: at the same point on every processor."""
 
 
 def case(name, *others):
@@ -137,7 +138,7 @@ def test_branches_end_for_a_reason_of_the_scene(name):
     for branch in diagram(name).branches:
         at_pole = TO_A_POLE.get(name) == branch.id
         for end, row in zip(branch.ends, (0, -1), strict=True):
-            excused = at_pole and not branch.physical[row] and end.kind is EndKind.STEP
+            excused = at_pole and not branch.physical[row] and end.kind is EndKind.ROUNDING
             assert excused or end.kind in good
         assert list(branch.missed) == []
 
@@ -147,7 +148,7 @@ def test_points_solve_the_equations_once(name):
     for branch in diagram(name).branches:
         assert np.all(np.diff(branch["arclength"]) > 0.0)
         at_pole = ~branch.physical if TO_A_POLE.get(name) == branch.id else np.array(False)
-        assert np.all((branch["residual"] < 1e-11) | at_pole)
+        assert np.all(branch["residual"] < np.where(at_pole, 1e-7, 1e-11))
         assert np.all(np.isfinite(branch.velocities))
         assert np.all(np.isfinite(branch.times))
 
