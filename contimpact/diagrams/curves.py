@@ -135,7 +135,8 @@ def _chord_spacing(
 # Where the orbits of a curve become shorter ones, run several times: there the curve ends.
 #
 # Beyond, the same orbits come again, whole periods later. So ends the fold of a doubled orbit at a
-# GPD, where the doubling changes its direction, and the grazing of one at a PD-G.
+# GPD, where the doubling changes its direction, and the grazing of one at a PD-G. Two solutions of
+# the curve's equations cross there, so that the end is solved for on the orbit that is run twice.
 
 SAME_ORBIT = 1e-6
 """How near an orbit is to a shorter one where it is one."""
@@ -144,6 +145,9 @@ NEAR = 0.1
 """How far from a point the end of its curve is looked for, in the curve's metric."""
 
 ROUNDING = 1e-14
+
+OWN_ITERATIONS = 3
+"""Newton's steps from the guess of what an event adds to its orbit, that orbit being exact."""
 
 
 class RepetitionTest(TestFunction[CurvePoint]):
@@ -163,7 +167,7 @@ class RepetitionTest(TestFunction[CurvePoint]):
     def locate(
         self, problem: Problem[CurvePoint], guess: Point[CurvePoint], index: int
     ) -> Location | None:
-        return doubling_turns(guess.evaluation)
+        return solve_repetition(guess.evaluation)
 
     def accept(self, event: Event[CurvePoint]) -> bool:
         orbit = event.point.evaluation.orbit
@@ -181,8 +185,8 @@ def repetition_end(point: Point[CurvePoint]) -> End:
 
 
 def crossing(problem: Problem[CurvePoint], guess: Point, scale: Array) -> Meeting | None:
-    """Return the GPD near a point on the fold of a doubled orbit, where the curve of PD crosses."""
-    found = doubling_turns(guess.evaluation)
+    """Return where the curve of the orbit run twice crosses next to a point of a doubled one's."""
+    found = solve_repetition(guess.evaluation)
     if found is None:
         return None
     away = (found.unknowns - guess.unknowns) / scale
@@ -191,22 +195,34 @@ def crossing(problem: Problem[CurvePoint], guess: Point, scale: Array) -> Meetin
     return Meeting(found.unknowns, 0.0, ROUNDING, (1.0, 1.0))
 
 
-def doubling_turns(here: CurvePoint) -> Location | None:
-    """Solve for the GPD next to a point on the fold of a doubled orbit; None if there is none."""
+def solve_repetition(here: CurvePoint) -> Location | None:
+    """Solve for the point next to one of a doubled orbit's curve where it is the orbit run twice:
+    that of codimension two on the orbit's PD. None if there is none."""
     curve, problem = here.problem, here.orbit.problem
     halves, crossed = problem.word.repeated(), curve.kind.shorter_at
-    if crossed is None or not halves or 2 * len(halves[-1]) != len(problem.word):
+    if crossed is None or not problem.word.walls or not halves:
+        return None
+    if 2 * len(halves[-1]) != len(problem.word):
         return None
     kind, name = crossed
     short = problem_of(problem.model, halves[-1], problem.kernels)
     mean = short.evaluate(_mean_half(here.orbit))
-    solution = solve(double_of(mean, name, kind_of(kind), {}).system, mean)
+    try:
+        system = double_of(mean, name, kind_of(kind), {}).system
+    except InputError:  # the mean has no such point near: it touches nothing
+        return None
+    solution = solve(system, mean)
     problem.kernel_evaluations += short.kernel_evaluations
     if solution is None:
         return None
     orbit = double_orbit(short.evaluate(solution.unknowns))
     own = curve.system.start(orbit)
     own *= np.sign(own @ here.own) or 1.0
+    at = curve.system.assemble(orbit, own)  # the time of a touch is a guess as yet
+    for _ in range(OWN_ITERATIONS):
+        by_own = at.jacobian[:, len(orbit.unknowns) :]
+        own = own - np.linalg.lstsq(by_own, at.residual, rcond=None)[0]
+        at = curve.system.assemble(orbit, own)
     return Location(curve.packed(orbit.unknowns, own), solution.residual, solution.error)
 
 

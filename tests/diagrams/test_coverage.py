@@ -100,8 +100,7 @@ def test_curves_of_doubled_orbits(covered):
         if end.kind.name == "SHORTER"
     ]
     place = point.parameters["A"], point.parameters["r"]
-    # the end is bracketed where two impacts become one: to the root of the corrector's tolerance
-    assert any(end == pytest.approx(place, rel=1e-8) for end in ends)
+    assert any(end == pytest.approx(place, rel=1e-12) for end in ends)
 
 
 @pytest.mark.full
