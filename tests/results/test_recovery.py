@@ -258,7 +258,7 @@ def test_what_a_curve_needs_is_said(live):
         ((entry, None, "r", LIMITS), "range of r"),
         ((entry, None, "r", LIMITS, 0.5), "range of r"),
         ((entry, None, "r", LIMITS, (0.4, 0.5)), "range of r"),
-        ((entry, "r", LIMITS), "model"),
+        ((entry, "r", LIMITS), "range of r"),  # as without a model
     ):
         with pytest.raises(InputError) as error:
             ci.follow_curve(*given)
@@ -289,7 +289,9 @@ def test_a_diagram_is_shown_in_ten_lines(live):
 def test_parts_of_a_diagram_have_names(live):
     assert live["b2"] is live.branches[1]
     assert live["e3"] is live.entry("e3") is live.entries[2]
-    for name in ("b0", 0, None):
+    assert live[0] is live["b1"]
+    assert live[:2] == live.branches[:2]
+    for name in ("b0", None):
         with pytest.raises(InputError, match="there are b1 to"):
             live[name]
 
