@@ -122,3 +122,11 @@ def test_pages_have_formulas():
 )
 def test_broken_formulas_are_found(broken):
     assert faults(broken)
+
+
+def test_the_newest_changes_begin_with_a_summary():
+    """Of at most 25 lines; what changed in detail is under headings."""
+    newest = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").split("\n## ")[1]
+    summary, *headings = newest.split("\n### ")
+    assert len(summary.strip().splitlines()) <= 25
+    assert headings
