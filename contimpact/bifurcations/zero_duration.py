@@ -141,10 +141,10 @@ class T(Kind):
 
     def multipliers(self, here: Linearisation, details: Details) -> tuple[Array, int]:
         there = without_flight(here, details["flight"])
-        if there is None:
+        if there is None and not here.resting:
             return super().multipliers(here, details)
-        orbit = there[0].evaluate(there[1])
-        found = orbit.by_blocks.multipliers
+        orbit = here if there is None else there[0].evaluate(there[1])
+        found = orbit.by_blocks.multipliers  # of flights they are rounding at rest
         return found, int(count_unstable(found))
 
     def verdict(self, here: Linearisation, details: Details) -> Verdict:

@@ -54,7 +54,7 @@ def test_the_steady_response(changes):
     period = 2 * math.pi / p["omega"]
     assert np.prod(orbit.multipliers) == pytest.approx(math.exp(-p["c"] * period), rel=1e-12)
     assert len(orbit.times) == 0
-    assert "Orbit 0 (0)" in repr(orbit)
+    assert "Orbit 0 at a = " in repr(orbit)
 
 
 @pytest.mark.parametrize("parameter", ["a", "omega", "c", "k", "sigma"])
