@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -45,6 +45,9 @@ from .starting_orbits import (
     search_elsewhere,
     survey_values,
 )
+
+if TYPE_CHECKING:
+    from .settled import Settled
 
 # What a diagram has cost: points, iterations, evaluations.
 
@@ -174,7 +177,7 @@ class _Explorer:
     notes: list[str] = field(default_factory=list)
     limits: Limits = field(default_factory=Limits)
     surveyed: str = "none"
-    settled: list[Orbit] = field(default_factory=list)
+    settled: Settled | None = None
     lacking: dict[Word, NotFound] = field(default_factory=dict)
     left_out: collections.Counter[Word] = field(default_factory=collections.Counter)
     probes: int = 0
@@ -228,12 +231,19 @@ class _Explorer:
     # Orbits found by simulation and by search.
 
     def note_settled(self) -> None:
-        """Note on which orbits simulations settle that lie on no branch."""
-        if self.settled:
-            from .settled import word_of
-        for orbit in self.settled:
+        """Note on which orbits simulations settle that lie on no branch, and what runs away."""
+        if self.settled is None:
+            return
+        from .settled import word_of
+
+        place = f"{self.scene.parameter} = {self.scene.start:.9g}"
+        if self.settled.runaways:
+            self.notes.append(
+                f"{self.settled.runaways} of {self.settled.motions} motions simulated at {place} "
+                "run away, a million times faster than their start and their forcing"
+            )
+        for orbit in self.settled.orbits:
             if self.known(orbit.problem, orbit.unknowns) is None:
-                place = f"{self.scene.parameter} = {self.scene.start:.9g}"
                 self.notes.append(
                     f"simulation settles on {word_of(orbit)} at {place}, which is on no followed "
                     "branch: add it to follow.orbits"

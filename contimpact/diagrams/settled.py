@@ -8,6 +8,7 @@ equations of the search. It counts if it is stable and physical.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -44,10 +45,19 @@ REACHED = 0.1
 """How far from the simulated impacts the orbit may be, likewise."""
 
 
-def settled_orbits(
-    model: Model, kernels: Kernels, rng: np.random.Generator | int = 0
-) -> list[Orbit]:
-    """Return the stable orbits with impacts on which motions from random states settle, each once.
+class Settled(NamedTuple):
+    """What motions from random states settle on."""
+
+    orbits: list[Orbit]
+    """The stable orbits with impacts, each once."""
+    motions: int
+    """How many were simulated."""
+    runaways: int
+    """How many of them run away: `Outcome.RUNAWAY`."""
+
+
+def settled_orbits(model: Model, kernels: Kernels, rng: np.random.Generator | int = 0) -> Settled:
+    """Return the stable orbits with impacts on which motions from random states settle.
 
     Parameters
     ----------
@@ -61,16 +71,15 @@ def settled_orbits(
     motions, patience = (DEAR_MOTIONS, DEAR_QUIET) if dear else (MOTIONS, QUIET)
     looks = IMPACTS[: 1 if integrated else 2 if simulator.several else 3]
     found: list[Orbit] = []
-    quiet = 0
-    for _ in range(motions):
-        orbit = _settle_orbit(simulator, simulator.random_state(generator), looks)
+    quiet = made = runaways = 0
+    while made < motions and quiet < patience:
+        orbit, outcome = _settle_orbit(simulator, simulator.random_state(generator), looks)
+        made, runaways = made + 1, runaways + (outcome is Outcome.RUNAWAY)
         new = orbit is not None and not any(_same_orbit(orbit, other) for other in found)
         quiet = 0 if new else quiet + 1
         if orbit is not None and new:
             found.append(orbit)
-        if quiet == patience:
-            break
-    return found
+    return Settled(found, made, runaways)
 
 
 def unknowns_of_word(orbits: Iterable[Orbit], word: Word) -> list[Array]:
@@ -86,27 +95,32 @@ def word_of(orbit: Orbit) -> Word:
     return Word(min(turns, key=lambda walls: [order(wall) for wall in walls]), word.period)
 
 
-def _settle_orbit(simulator: Simulator, state: State, looks: Sequence[int]) -> Orbit | None:
-    """The orbit on which one motion settles; None if it does not in time, or rests, or flies on."""
+def _settle_orbit(
+    simulator: Simulator, state: State, looks: Sequence[int]
+) -> tuple[Orbit | None, Outcome]:
+    """The orbit on which one motion settles, and how its last run ended; no orbit if it does not in
+    time, or rests, or flies on."""
     try:
         return _after(simulator, state, looks)
     except (ArithmeticError, np.linalg.LinAlgError):  # a flight does not stay finite
-        return None
+        return None, Outcome.DONE
 
 
-def _after(simulator: Simulator, state: State, looks: Sequence[int]) -> Orbit | None:
+def _after(
+    simulator: Simulator, state: State, looks: Sequence[int]
+) -> tuple[Orbit | None, Outcome]:
     """The same, where all flights stay finite."""
     for impacts in looks:
         run = simulator.run(state, impacts=impacts)
-        if run.outcome is not Outcome.DONE or run.end is None:
-            return None
+        if run.end is None or run.outcome is not Outcome.DONE:
+            return None, run.outcome
         if run.released.any() or run.held.any():
-            return None
+            break
         for orbit in _orbits_near(simulator, run):
             if orbit.physical and np.max(np.abs(orbit.multipliers)) < 1.0:
-                return orbit
+                return orbit, run.outcome
         state = run.end
-    return None
+    return None, run.outcome
 
 
 def _orbits_near(simulator: Simulator, run: Run) -> Iterator[Orbit]:

@@ -26,6 +26,7 @@ from ..segments.kernels import Kernels
 
 if TYPE_CHECKING:
     from ..storage.texts import Json
+    from .settled import Settled
 
 
 SURVEYED = 9
@@ -157,21 +158,21 @@ def add_settled(
     kernels: Kernels,
     found: Mapping[Word, Sequence[Orbit]],
     progress: Progress = ignore_progress,
-) -> tuple[dict[Word, list[Orbit]], list[Orbit]]:
-    """Return the orbits of each word at a scene's start, and those on which simulations settle.
+) -> tuple[dict[Word, list[Orbit]], Settled | None]:
+    """Return the orbits of each word at a scene's start, and on what simulations settle there.
 
     Nothing is simulated where the search has found an orbit of each word that attracts. Otherwise
     what is simulated on orbits of these words is added to those that were found.
     """
     if all(attracts(orbits) for word, orbits in found.items() if word.walls):
-        return {word: list(orbits) for word, orbits in found.items()}, []
+        return {word: list(orbits) for word, orbits in found.items()}, None
     from .settled import settled_orbits, unknowns_of_word
 
     progress(f"simulating at {scene.parameter} = {scene.start:.9g}")
     settled = settled_orbits(scene.model, kernels, scene.seed)
     problems = {word: problem_of(scene.model, word, kernels) for word in found}
     return {
-        word: add_orbits(orbits, problems[word], unknowns_of_word(settled, word))
+        word: add_orbits(orbits, problems[word], unknowns_of_word(settled.orbits, word))
         if word.walls
         else [*orbits]
         for word, orbits in found.items()
@@ -214,7 +215,7 @@ def not_found(
     return found
 
 
-def refusal(missing: Sequence[NotFound], settled: Sequence[Orbit] = ()) -> InputError:
+def refusal(missing: Sequence[NotFound], settled: Settled | None = None) -> InputError:
     """Return the error of a scene of whose words none has an orbit at its start, where simulations
     have settled on others."""
     first = next((each for each in missing if each.elsewhere), missing[0])
@@ -223,13 +224,13 @@ def refusal(missing: Sequence[NotFound], settled: Sequence[Orbit] = ()) -> Input
     return InputError("follow.orbits", found, _remedy(first, settled))
 
 
-def _remedy(lacking: NotFound, settled: Sequence[Orbit]) -> str:
+def _remedy(lacking: NotFound, settled: Settled | None) -> str:
     """What to do about a word without an orbit at the start."""
-    if settled:
+    if settled and settled.orbits:
         from .settled import word_of
 
-        words = " or ".join(str(word_of(orbit)) for orbit in settled)
-        return f"ask for {words}, on which simulation settles there; {_remedy(lacking, ())}"
+        words = " or ".join(str(word_of(orbit)) for orbit in settled.orbits)
+        return f"ask for {words}, on which simulation settles there; {_remedy(lacking, None)}"
     shorter = f"ask for {' or '.join(lacking.repeated)}, or " if lacking.repeated else ""
     if lacking.unphysical:
         shorter += f"follow unphysical ones ({lacking.unphysical}) by follow.unphysical = true, or "
@@ -322,5 +323,5 @@ def find_orbits(
 
     with progress_lines(progress, f"find_orbits {word}") as tell:
         tell("simulating from random states")
-        settled = unknowns_of_word(settled_orbits(model, kernels, rng), word)
+        settled = unknowns_of_word(settled_orbits(model, kernels, rng).orbits, word)
     return orbits_search.add_orbits(found, problem_of(model, word, kernels), settled)

@@ -221,7 +221,7 @@ def portrait_figure(
     """Return a figure with the phase plane and the time series of an attractor."""
     figure = style.new_figure(9.0, 4.0)
     left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.5))
-    if attractor.kind in (Kind.RESTING, Kind.NO_IMPACT):
+    if not attractor.times.size:
         left.set_title(plain_text(attractor.notation))
         return figure
     plot_portrait(simulator, attractor, left, others=others)

@@ -31,6 +31,7 @@ class Kind(enum.Enum):
     NOT_SETTLED = "not settled"
     RESTING = "resting"
     NO_IMPACT = "no impact"
+    RUNAWAY = "runaway"
 
 
 @dataclass(frozen=True, eq=False)

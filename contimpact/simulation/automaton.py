@@ -477,9 +477,9 @@ class Automaton:
         return path_of(self, states, times, points)
 
     def make(
-        self, state: State, span: tuple[int, int], asked: int, record: bool
+        self, state: State, span: tuple[int, int], asked: int, record: bool, fastest: float
     ) -> tuple[State, Outcome, int, list[Any]]:
-        """Make so many rows, up to some turn, unless the run ends before.
+        """Make so many rows, up to some turn, unless the run ends before, or runs away.
 
         Returns the last state, why the run ended, the number of rows, and their columns.
         """
@@ -487,7 +487,7 @@ class Automaton:
         rows: list[State] = []
         made, outcome = 0, Outcome.DONE
         while made < most and state.turns < last:
-            found = self.next(state)
+            found = self.next(state) if state.speed <= fastest else Outcome.RUNAWAY
             if isinstance(found, Outcome):
                 outcome = found
                 break

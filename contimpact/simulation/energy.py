@@ -65,7 +65,7 @@ def energy(
 
 def attractor_voltages(membrane: Membrane, attractor: Attractor) -> Energy:
     """Return the voltages of an attractor, over its period or over the end of its run."""
-    if attractor.kind in (Kind.RESTING, Kind.NO_IMPACT):
+    if not attractor.times.size:
         return Energy(np.zeros(0), 0.0, 0.0)
     hits = ~attractor.released
     if attractor.period is not None:

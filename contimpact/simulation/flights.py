@@ -201,7 +201,7 @@ def fly_integrated(
 ) -> tuple[int, float, float]:
     """Return side, time and velocity of the impact that ends a flight; see `flights.fly_in_time`.
 
-    The side is 0 also where the flow ceases to be finite before any impact.
+    The side is 0, and the velocity infinite, where the flow ceases to be finite before any impact.
 
     Parameters
     ----------
@@ -235,7 +235,7 @@ def fly_integrated(
         left = left._replace(velocity=speed)
         passed, moved = passed + length, moved + x
         length = min(2.0 * length, period)
-    return 0, passed, speed
+    return 0, passed, speed if length > LEAST * period else math.inf
 
 
 def _clear(curve: IntegratedCurve, low: float, high: float) -> bool:

@@ -190,7 +190,7 @@ def coefficient(motion: Callable[..., Any], wall: int) -> float:
     return abs(float(motion((wall, 0.0, LOW), 0.0)[1])) / LOW
 
 
-DONE, RESTING, NO_IMPACT = range(3)
+DONE, RESTING, NO_IMPACT, RUNAWAY = range(4)
 """Why a run ended: numbers of `contimpact.simulation.run.Outcome`."""
 
 
@@ -215,17 +215,20 @@ def make_impacts(
         As `fly_in_time`.
     state : vector of int, shape (3,)
         Wall and turns, kept up to date, and the number of the outcome, filled in.
-    when : vector of shape (2,)
-        Phase and velocity, kept up to date.
+    when : vector of shape (3,)
+        Phase and velocity, kept up to date, and the speed beyond which the motion runs away.
     walls, turns, phases, velocities, released : vector
         Filled with a number for each impact or release; of shape (0,) if no rows are kept.
     span : vector of int, shape (2,)
         Rows to make at most, and the turns at which to stop.
     """
     period, kept = body.clock[0], len(walls) > 0
-    wall, turn, phase, velocity = state[0], state[1], when[0], when[1]
+    wall, turn, phase, velocity, fastest = state[0], state[1], when[0], when[1], when[2]
     most, last, made, outcome = span[0], span[1], 0, DONE
     while made < most and turn < last:
+        if not abs(velocity) <= fastest:
+            outcome = RUNAWAY
+            break
         rest, leaves = math.nan, 0
         if abs(velocity) <= body.slow[wall]:
             rest = rest_after(motion, body, wall, phase, velocity)
@@ -240,7 +243,7 @@ def make_impacts(
         else:
             side, dt, speed = fly(body, wall, phase, velocity)
             if side == 0:
-                outcome = NO_IMPACT
+                outcome = NO_IMPACT if abs(speed) <= fastest else RUNAWAY
                 break
             wall = wall_on(body, wall, side)
             velocity = speed

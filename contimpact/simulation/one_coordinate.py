@@ -322,9 +322,9 @@ class OneCoordinate:
     # Runs.
 
     def make(
-        self, state: State, span: tuple[int, int], asked: int, record: bool
+        self, state: State, span: tuple[int, int], asked: int, record: bool, fastest: float
     ) -> tuple[State, Outcome, int, list[Any]]:
-        """Make so many rows, up to some turn, unless the run ends before.
+        """Make so many rows, up to some turn, unless the run ends before, or runs away.
 
         Returns the last state, why the run ended, the number of rows, and their columns.
         """
@@ -332,7 +332,7 @@ class OneCoordinate:
         rows = span[0] if record else 0
         columns: list[Any] = [np.empty(rows, DTYPES[k]) if fast else [0] * rows for k in ROW]
         at: Any = [int(state.wall), int(state.turns), 0]
-        when: Any = [float(state.phase), float(state.velocity)]
+        when: Any = [float(state.phase), float(state.velocity), fastest]
         if fast:
             at, when = array(at, INTEGERS), array(when, VECTOR)
             count = fast(*self._arrays, at, when, *columns, array(span, INTEGERS))

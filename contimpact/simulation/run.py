@@ -22,6 +22,7 @@ class Outcome(enum.Enum):
     DONE = "made as many impacts, or ran as many periods, as it was asked to"
     RESTING = "the body rests on a wall, which the acceleration never leaves"
     NO_IMPACT = "the body flew on without an impact for as long as a flight may last"
+    RUNAWAY = "the motion runs away: it is a million times faster than its start and its forcing"
     ACCUMULATING = "impacts accumulate on a wall; only on linear flights can it be held"
     BEYOND = (
         "a jump led behind a guard of the next mode, where the system does not say how to go on"
@@ -53,6 +54,11 @@ class State:
     def section(self) -> tuple[float, ...]:
         """All section coordinates."""
         return (self.velocity, *self.others)
+
+    @property
+    def speed(self) -> float:
+        """The largest of its velocities."""
+        return float(np.max(np.abs(self.section[::2])))
 
     def within(self, period: float) -> State:
         """Return the same with a phase in [0, T) and as many more turns as it had."""

@@ -276,6 +276,7 @@ FIRST = 64
 _ENDS = {
     Outcome.RESTING: Kind.RESTING,
     Outcome.NO_IMPACT: Kind.NO_IMPACT,
+    Outcome.RUNAWAY: Kind.RUNAWAY,
     Outcome.ACCUMULATING: Kind.NOT_SETTLED,
     Outcome.BEYOND: Kind.NOT_SETTLED,
 }

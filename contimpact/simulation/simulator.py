@@ -15,6 +15,7 @@ Knows no orbit problem: the two share kernels and flights, and nothing else.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -32,6 +33,10 @@ from .run import Outcome, Run, State, join_runs, more_joined, states_of
 CHUNK, FEW = 65536, 256
 """Rows made at once, at most and at first: interrupts come through between chunks."""
 _ENDLESS = 2**62
+
+RUNAWAY = 1e6
+"""A motion that is faster than its start and than `Simulator.fastest` by this factor runs away: no
+resonance of a gain below it does. Where laws are not linear its flights take ever longer."""
 
 
 class Simulator:
@@ -277,16 +282,17 @@ class Simulator:
         state = state.within(self.period)
         most = impacts if impacts is not None else _ENDLESS
         last = state.turns + periods if periods is not None else _ENDLESS
+        fastest = RUNAWAY * float(np.fmax(self.fastest, state.speed)) or math.inf
         asked = min(number for number in (impacts, periods) if number is not None)
         parts: list[list[Any]] = []
         made, outcome, size = 0, Outcome.DONE, CHUNK if impacts is not None else FEW
         while outcome is Outcome.DONE and made < most and state.turns < last:
             span = min(size, most - made), min(last, state.turns + CHUNK)
-            state, outcome, count, columns = self.machine.make(state, span, asked, record)
+            state, outcome, count, columns = self.machine.make(state, span, asked, record, fastest)
             parts.append(columns)
             made, size = made + count, min(4 * size, CHUNK)
-        lost = outcome is Outcome.NO_IMPACT
-        end, left = (None, state) if lost else (state, None)
+        end = None if outcome in (Outcome.NO_IMPACT, Outcome.RUNAWAY) else state
+        left = state if outcome is Outcome.NO_IMPACT else None
         width = self.model.unknowns_per_impact - 2
         more = more_joined(parts, width) if self.several else {}
         return Run(self.letters, self.period, *join_runs(parts), outcome, end, **more, left=left)

@@ -27,7 +27,7 @@ def missed(model, parameter, motions, kernels=None):
     simulations find, and their number."""
     kernels = kernels or Kernels(model, parameter)
     met = find_attractors(Simulator(model, kernels), motions, rng=1, settling=SETTLING)
-    settled, lost = settled_orbits(model, kernels), []
+    settled, lost = settled_orbits(model, kernels).orbits, []
     periodic = [a for a in met if a.kind is Kind.PERIODIC]
     for attractor in periodic:
         word, orbit = Word(attractor.word, attractor.period), attractor.orbit(model, parameter)
@@ -92,11 +92,32 @@ def test_a_scene_without_orbits_is_told_on_what_simulation_settles():
         follow(pair(0.45, ["2:1"]))
 
 
+def test_motions_that_run_away_are_reported():
+    """Impacts faster than 1 make the body faster still; slow ones settle."""
+    table = {
+        "name": "growing",
+        "model": {
+            "system": "hybrid",
+            "period": "2*pi/w",
+            "parameters": {"w": 1.5, "a": 0.5},
+            "modes": {"free": {"x": "v", "v": "a*cos(w*t) - x"}},
+            "guards": {"S": {"mode": "free", "within": "x <= 0", "set": {"v": "-v*(1 + v)/2"}}},
+        },
+        "follow": {"parameter": "w", "range": [1.49, 1.51], "orbits": ["S", "SSS/2T"]},
+        "detect": {"events": []},
+        "numerics": {"starts": 16, "rounds": 1},
+    }
+    assert follow(read_scene(table)).statistics["notes"][0] == (
+        "1 of 2 motions simulated at w = 1.5 run away, a million times faster than their start and "
+        "their forcing"
+    )
+
+
 @pytest.mark.full
 def test_it_is_the_same_every_time():
     model = SoftStop(**SOFT)
     kernels = Kernels(model, "omega")
-    one, other = (settled_orbits(model, kernels, 3) for _ in range(2))
+    one, other = (settled_orbits(model, kernels, 3).orbits for _ in range(2))
     assert [o.unknowns.tolist() for o in one] == [o.unknowns.tolist() for o in other]
 
 

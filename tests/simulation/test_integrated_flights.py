@@ -6,9 +6,12 @@ from integrated import Integrated
 from scipy.integrate import solve_ivp
 
 import contimpact as ci
+from contimpact.results.scene import read_scene
 from contimpact.segments.arithmetic import ARRAYS, evaluate_in
 from contimpact.segments.integration import IntegratedCurve
+from contimpact.simulation.attractor import Kind
 from contimpact.simulation.run import Outcome
+from contimpact.simulation.settle import settle
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.duffing import Duffing
 from contimpact.systems.oscillator import Oscillator
@@ -60,12 +63,35 @@ def test_a_long_flight_misses_no_arrival():
         assert arrived[1] == pytest.approx(run.velocities[k + 1], abs=1e-11)
 
 
-def test_a_flight_that_escapes_has_no_impact():
+def test_a_flight_that_escapes_runs_away():
     """Beyond the unstable rest of a softening spring motion is infinite after a finite time."""
     model = Duffing(a=0.3, omega=1.0, c=0.1, alpha=1.0, beta=-0.5, sigma=1.0, r=1.0)
     simulator = Simulator(model)
     run = simulator.run(simulator.state("S", 0.3, 30.0), impacts=200)
-    assert run.outcome is Outcome.NO_IMPACT
+    assert (run.outcome, run.end, run.left) == (Outcome.RUNAWAY, None, None)
+
+
+@pytest.mark.parametrize("spring", ["x", "x**3"])
+def test_motion_that_runs_away_is_left(spring):
+    """Without forcing and damping an impact is as fast as the wall has left the body, which doubles
+    the velocity: 2, 4, 8, ... until a million."""
+    scene = {
+        "name": "doubling",
+        "model": {
+            "system": "hybrid",
+            "period": "2*pi/w",
+            "parameters": {"w": 1.0, "a": 0.0},
+            "modes": {"free": {"x": "v", "v": f"a*cos(w*t) - {spring}"}},
+            "guards": {"S": {"mode": "free", "within": "x <= 0", "set": {"v": "-2*v"}}},
+        },
+        "follow": {"parameter": "w", "range": [0.9, 1.1], "orbits": ["S"]},
+    }
+    simulator = Simulator(read_scene(scene).model)
+    run = simulator.run(simulator.state("S", 0.3, 1.0), impacts=200)
+    assert (run.outcome, run.end, run.left) == (Outcome.RUNAWAY, None, None)
+    assert run.velocities == pytest.approx(2.0 ** np.arange(1.0, 21.0), rel=1e-9)
+    found = settle(simulator, simulator.state("S", 0.3, 1.0))
+    assert (found.kind, found.notation, found.settled) == (Kind.RUNAWAY, "runaway", True)
 
 
 def test_where_motion_keeps_clear_of_walls_nothing_is_isolated(monkeypatch):

@@ -639,6 +639,20 @@ def test_a_run_may_go_on_compiled(pair, simulator_of, plain_and_compiled, monkey
     assert engine.plain == 1400
 
 
+@needs_numba
+def test_motion_that_runs_away_ends_compiled_code_too(
+    pair, simulator_of, plain_and_compiled, monkeypatch
+):
+    """Motion faster than what is allowed, which is made less than what it reaches."""
+    simulator, start = simulator_of(pair(s=0.3631)), State(0, 0.14, 0.1)
+    speeds = np.abs(simulator.run(start, impacts=50).velocities)
+    monkeypatch.setattr(simulate, "RUNAWAY", 0.9 * np.max(speeds) / simulator.fastest)
+    plain, compiled = plain_and_compiled(lambda: simulator.run(start, impacts=50))
+    same_runs(compiled, plain)
+    assert plain.outcome is Outcome.RUNAWAY
+    assert len(plain) == np.argmax(speeds > 0.9 * np.max(speeds)) + 1
+
+
 def test_what_cannot_be_compiled_runs_plainly(oscillator, simulator_of, monkeypatch):
     """The acceleration of the oscillator depends on the state."""
     monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
@@ -651,7 +665,7 @@ def test_the_program_holds_all_it_calls(pair, simulator_of):
     simulator = simulator_of(pair(d=0.14))
     namespace = {"compile": lambda function: function}
     exec(one_coordinate.program_of(simulator.machine.motions).text, namespace)
-    at, when, rows = [0, 0, 0], [0.25, 0.5], [[0] * 200 for _ in COLUMNS]
+    at, when, rows = [0, 0, 0], [0.25, 0.5, math.inf], [[0] * 200 for _ in COLUMNS]
     assert namespace["entry"](*simulator.machine.body, at, when, *rows, (200, 10**9)) == 200
     run = simulator.run(State(0, 0.25, 0.5), impacts=200)
     assert run.released.any()
