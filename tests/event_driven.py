@@ -23,6 +23,8 @@ NEAR = 1e-8
 """Gaps and rates nearer to zero than this decide nothing."""
 STEP = 3e-4
 """Of times and states, in differences of the fourth order."""
+FAR = 10.0
+"""An orbit between two is not farther from their chord than this many times its length."""
 LOOKS = 300
 """At how many instants of a flight a gap is looked at before its minima are closed in."""
 
@@ -433,6 +435,8 @@ class Between:
             z -= step
             if np.max(np.abs(step)) < 1e-11 * (1.0 + np.max(np.abs(z))):
                 return z
+            if not np.max(np.abs(z - guess)) < FAR * np.max(np.abs(self.chord)):
+                return None
         return None
 
     def zero(self, function):

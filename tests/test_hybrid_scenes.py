@@ -45,13 +45,14 @@ def impacts_of(model, word, orbit, walker):
     return found
 
 
-def deciding(event, word, turns):
+def deciding(event, word, turns, span):
     """What vanishes at an event, as a function of walker and impacts: the defining one."""
     count = len(word)
     k, kind = event.impact if event.impact is not None else event.flight, event.kind
     if kind == "V":  # of a flight that vanishes, whichever velocities do with it
         for flight in {k, event.flight if event.flight is not None else k}:
-            if abs(event.times[(flight + 1) % count] - event.times[flight]) < CLOSES:
+            ends = [*event.times, event.times[0] + span][flight : flight + 2]
+            if abs(ends[1] - ends[0]) < CLOSES:
                 k, kind = flight, "T"
 
     def ends(walker, impacts):
@@ -185,7 +186,7 @@ class Compared:
         ends = [(side, one.model.values[parameter]) for _, _, side, one in sides]
         turns = round(span / walker.at(orbit.model.values).period)
         between = Between(walker, orbit.model.values, parameter, word, ends, turns)
-        vanishes = deciding(event, word, turns)
+        vanishes = deciding(event, word, turns, span)
         value, found = between.zero(vanishes), impacts_of(orbit.model, word, orbit, walker)
         far = math.inf if value is None else abs(value - event.value) / (1.0 + abs(event.value))
         if far < FAR[event.kind in MULTIPLIERS]:
