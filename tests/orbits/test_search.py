@@ -524,3 +524,26 @@ def test_starts_are_evaluated_without_derivatives_by_parameters(name):
     for part, other in zip(found[:3], whole[:3], strict=True):
         for x, y in zip(part, other, strict=True):
             np.testing.assert_allclose(x, y, rtol=1e-12, atol=1e-12)
+
+
+def test_starts_that_go_astray_are_given_up(monkeypatch):
+    """Against a stop far beyond its motion a hard spring is fast: every step of Newton's iteration
+    would move the time by thousands of periods, and is shortened to a quarter of one."""
+    pytest.importorskip("heyoka")
+    table = {
+        "name": "far stop",
+        "model": {
+            "system": "hybrid",
+            "period": "2*pi/w",
+            "parameters": {"a": 0.5, "w": 1.3, "c": 0.8, "d": 128, "r": 0.8},
+            "modes": {"free": {"x": "v", "v": "a*cos(w*t) - x - c*v - sqrt(2)*x**3"}},
+            "guards": {"S": {"within": "x <= d", "set": {"v": "-r*v"}}},
+        },
+        "follow": {"parameter": "w", "range": [1.0, 1.6], "orbits": ["S"]},
+    }
+    flights, evaluate = [], search._evaluate_all
+    monkeypatch.setattr(
+        search, "_evaluate_all", lambda p, z: flights.append(len(z)) or evaluate(p, z)
+    )
+    assert find_orbits(read_scene(table).model, "S", starts=8, rounds=1) == []
+    assert sum(flights) < 8 * 2 * 12  # of 8 * 2 * 25, from fitted starts and from drawn ones
