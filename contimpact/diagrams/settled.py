@@ -23,7 +23,8 @@ from ..simulation.run import Outcome, Run, State
 from ..simulation.simulator import Simulator
 
 MOTIONS, QUIET = 8, 3
-"""Motions that are simulated at most, and how many in a row may settle on nothing new before."""
+"""Motions that are simulated at most, and how many may settle on nothing new, one after the other,
+before; those that fly on without impacts are not counted."""
 
 DEAR_MOTIONS, DEAR_QUIET = 4, 2
 """The same of several coordinates or integrated flights, where an impact takes far longer."""
@@ -76,7 +77,7 @@ def settled_orbits(model: Model, kernels: Kernels, rng: np.random.Generator | in
         orbit, outcome = _settle_orbit(simulator, simulator.random_state(generator), looks)
         made, runaways = made + 1, runaways + (outcome is Outcome.RUNAWAY)
         new = orbit is not None and not any(_same_orbit(orbit, other) for other in found)
-        quiet = 0 if new else quiet + 1
+        quiet = 0 if new else quiet + (outcome is not Outcome.NO_IMPACT)
         if orbit is not None and new:
             found.append(orbit)
     return Settled(found, made, runaways)
@@ -102,7 +103,8 @@ def _settle_orbit(
     time, or rests, or flies on."""
     try:
         return _after(simulator, state, looks)
-    except (ArithmeticError, np.linalg.LinAlgError):  # a flight does not stay finite
+    except (ArithmeticError, ValueError, np.linalg.LinAlgError):
+        # a flight has no value somewhere, or takes too many steps
         return None, Outcome.DONE
 
 

@@ -45,6 +45,10 @@ SOME_STEPS = 10_000
 """Largest number of steps of a flight among many, whatever the others ask for."""
 
 
+class StepLimitError(OverflowError):
+    """A flight asks for too many steps."""
+
+
 class Statement(NamedTuple):
     """A field, as its text states it."""
 
@@ -310,7 +314,7 @@ class Integrator:
     def _check(self, said: Any, fine: Any, steps: int, most: int = MOST_STEPS) -> None:
         """Raise an error where integration has not come to its end."""
         if steps >= most:
-            raise OverflowError(f"a flight asks for more than {most} steps of integration")
+            raise StepLimitError(f"a flight asks for more than {most} steps of integration")
         if said not in fine:
             raise OverflowError("a flight does not stay finite")
 

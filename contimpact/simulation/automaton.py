@@ -283,14 +283,13 @@ class Automaton:
     @functools.cached_property
     def fastest(self) -> float:
         """The velocity that half a period of the largest acceleration at rest gives."""
-        largest = 0.0
-        phases = np.linspace(0.0, self.period, 17)[:-1].tolist()
-        for k, row in enumerate(self.rows):
-            section = [0.0] * (2 * self.size - 1)
-            for phase in phases:
-                head = (phase, *section, 0.0)
-                a = self.kernels.motion(self.guards[k].name)(*head, *self.values)[2]
-                largest = max(largest, abs(float(a)) / float(np.linalg.norm(row)))
+        largest, phases = 0.0, np.linspace(0.0, self.period, 17)[:-1]
+        at_rest = [phases, *(0.0 * phases for _ in range(2 * self.size))]
+        for guard, row in zip(self.guards, self.rows, strict=True):
+            with np.errstate(all="ignore"):
+                a = evaluate_in(self.kernels.motion(guard.name), ARRAYS)(*at_rest, *self.values)[2]
+            sizes = np.abs(a) / np.linalg.norm(row)
+            largest = float(np.max(sizes, where=np.isfinite(sizes), initial=largest))
         return 0.5 * self.period * largest or 1.0
 
     # One flight.

@@ -22,7 +22,7 @@ from ..segments.flight import (
     rounding_along,
     zeros_in_turn,
 )
-from ..segments.integration import IntegratedCurve, IntegratedTrack
+from ..segments.integration import IntegratedCurve, IntegratedTrack, StepLimitError
 from ..segments.kernels import Kernels
 from ..segments.layout import Family
 from ..segments.linear_flow import Shape, flow
@@ -202,6 +202,7 @@ def fly_integrated(
     """Return side, time and velocity of the impact that ends a flight; see `flights.fly_in_time`.
 
     The side is 0, and the velocity infinite, where the flow ceases to be finite before any impact.
+    Raises StepLimitError where a window as short as the first one takes too many steps.
 
     Parameters
     ----------
@@ -219,7 +220,9 @@ def fly_integrated(
         numbers = [left.time + passed, left.position + moved, left.velocity, *left.parameters]
         try:
             curve = IntegratedTrack(left.field, numbers, length).along((1,), from_start=True)
-        except ArithmeticError:
+        except ArithmeticError as error:
+            if isinstance(error, StepLimitError) and length <= FIRST * period:
+                raise
             length *= 0.5
             continue
         walls = body.low[wall] - moved, body.high[wall] - moved

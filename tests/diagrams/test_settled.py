@@ -5,7 +5,12 @@ import pytest
 
 import contimpact as ci
 from contimpact.diagrams.explore import follow
-from contimpact.diagrams.settled import settled_orbits, turn_to_word, unknowns_of_word
+from contimpact.diagrams.settled import (
+    settled_orbits,
+    turn_to_word,
+    unknowns_of_word,
+    word_of,
+)
 from contimpact.models.word import Word
 from contimpact.orbits import search
 from contimpact.orbits.quiet import problem_of
@@ -51,6 +56,13 @@ def test_the_attractor_of_a_soft_stop_is_found_by_a_single_start():
     (orbit,) = [o for o in found if o.physical]
     assert orbit.stable
     assert orbit.residual < 1e-12
+
+
+def test_motions_that_fly_on_do_not_end_the_search():
+    """Of those from random states the first three settle below the stop; the fourth on CRCR/3T."""
+    model = SoftStop(k=1.2534, c=0.0935, a=1.1291, e=0.5479, k_b=17.1697, c_b=0.2770, omega=1.8749)
+    settled = settled_orbits(model, Kernels(model, "omega"))
+    assert [str(word_of(orbit)) for orbit in settled.orbits] == ["CRCR/3T"]
 
 
 def test_a_scene_follows_it():
