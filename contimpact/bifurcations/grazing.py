@@ -66,6 +66,7 @@ from .sliding import (
     onsets_of_word,
     sliding_kind_of_touch,
     tolerated_touches,
+    violations,
 )
 
 PASSING = 1e-9
@@ -161,7 +162,8 @@ class Grazing(OrbitTest):
         if "impact" in details:
             begun = onset_of(problem, details)
             at_rest = begun is not None and begun.on_surface and details["impact"] in here.resting
-            return not (at_rest or is_brief(problem, here.unknowns, flight))
+            around = flight, (flight - 1) % len(problem.word)
+            return not (at_rest or any(is_brief(problem, here.unknowns, k) for k in around))
         ends = problem.times_around(here.unknowns, flight)
         apart, impact = min(
             (abs(details["touch_time"] - end), flight + i) for i, end in enumerate(ends)
@@ -278,7 +280,10 @@ class G(Kind):
         return (SUB if (old > 0.0) == (new > 0.0) else SUPER), slope
 
     def verdict(self, here: Linearisation, details: Details) -> Verdict:
-        touches = tolerated_touches(here) | {(details["flight"], details["wall"])}
+        own = {(details["flight"], details["wall"])}
+        if "impact" not in details:
+            own -= violations(here)
+        touches = tolerated_touches(here) | own
         return here.judge(forgive_touches=touches, forgive_impacts=here.resting)
 
     def symbol(self, period: int) -> str:

@@ -221,7 +221,13 @@ def tolerated_touches(here: Linearisation) -> set[tuple[int, str]]:
     """Return the touches that are not held against the orbit of an event: rounding decides on
     which side of the guard they are."""
     begun = (t for flight in here.gaps for t in flight.beyond if abs(t.gap) < TOUCHING)
-    return {(t.flight, t.wall) for t in (*near_touches(here), *begun)}
+    return {(t.flight, t.wall) for t in (*near_touches(here), *begun)} - violations(here)
+
+
+def violations(here: Linearisation) -> set[tuple[int, str]]:
+    """Return the guards beyond which flights begin or end, whatever they touch inside."""
+    begun = (t for flight in here.gaps for t in flight.beyond)
+    return {(t.flight, t.wall) for t in begun if t.gap <= -TOUCHING}
 
 
 GRAZING, ADDING = "grazing-sliding", "adding-sliding"

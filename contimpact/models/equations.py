@@ -301,6 +301,17 @@ class Equations:
         told = sympy.expand(rate - factor * speed) == 0
         return int(not (told and factor.free_symbols <= set(self.parameters.values())))
 
+    def bends(self, a: str, b: str) -> bool:
+        """Whether an impact changes the rate of another gap coordinate, of a guard that the modes
+        before and after it both have: it may be largest there, at a corner."""
+        one, other = self.guards[a], self.guards[b]
+        shared = {*one.modes} & {*other.modes} and one.next_mode in other.modes
+        if not shared or one.coordinate == other.coordinate:
+            return False
+        ends = zip(self.departures[a].velocity, self.before(a, self.start)[1], strict=True)
+        change = combine_rows(self.pivot(b)[1], [v - u for v, u in ends])
+        return bool(sympy.expand(change) != 0)
+
     @cached_property
     def digest(self) -> str:
         """A digest of all formulas, in their order."""

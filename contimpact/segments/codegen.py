@@ -691,15 +691,18 @@ class KernelWriter:
     def surfaces(self, name: str) -> str:
         letters = list(self.equations.guards)
         back, lands = self.equations.returns, self.equations.lands
-        begins = self.equations.begins
+        begins, bends = self.equations.begins, self.equations.bends
         found = tuple(
-            sympy.Integer((1 if back(a, b) else 2 * lands(a, b)) + 4 * begins(a, b))
+            sympy.Integer(
+                (1 if back(a, b) else 2 * lands(a, b)) + 4 * begins(a, b) + 16 * bends(a, b)
+            )
             for a in letters
             for b in letters
         )
         about = f"""Which flights end on the surface that they leave: 1; or 2 where that is so of
         those that a touch starts, or else 0. And 4 more where the flight begins on the surface with
-        a rate of either sign, or 8 where without any.
+        a rate of either sign, or 8 where without any; and 16 more where the impact changes the rate
+        of that guard's gap coordinate, and the mode before it has the guard, too.
 
         From {letters[0]} to each of {", ".join(letters)}, then from the next."""
         return self._shared(name, [], about, found)

@@ -146,17 +146,21 @@ class Kernels:
     @functools.cached_property
     def passages(self) -> Passages:
         """What meets the flights, by the numbers of the guards."""
-        guards = self.model.WALLS
-        if not self.model.MODES:
-            return passages_of(guards, lambda a, b: a == b)
+        guards, modes = self.model.WALLS, self.model.MODES
+        alone = passages_of(guards, lambda a, b: a == b)
+        if not modes and len({guard.coordinate for guard in guards}) == 1:
+            return alone
         size = range(len(guards))
         numbers = [int(number) for number in self.kernel("surfaces")(*self.model.values.values())]
         table = [numbers[len(guards) * a : len(guards) * (a + 1)] for a in size]
         found = passages_of(guards, lambda a, b: table[a][b] % 4 == 1)
-        onto, begins, at_rest = (
-            tuple(tuple(bool(number & bit) for number in row) for row in table) for bit in (2, 4, 8)
+        onto, begins, at_rest, bends = (
+            tuple(tuple(bool(number & bit) for number in row) for row in table)
+            for bit in (2, 4, 8, 16)
         )
-        return found._replace(onto=onto, begins=begins, at_rest=at_rest)
+        if not modes:
+            return alone._replace(bends=bends)
+        return found._replace(onto=onto, begins=begins, at_rest=at_rest, bends=bends)
 
     def may_leave_at_once(self, walls: str) -> bool:
         """Whether a flight of a word may begin or end beyond a guard of its mode, or begin on its
@@ -171,18 +175,20 @@ class Kernels:
         )
 
     def guards_ahead(self, left: int) -> list[int]:
-        """Return the guards of the mode after one that the mode before does not have, of several
-        coordinates: those on whose surface the flight does not begin, so that it may begin beyond.
+        """Return the guards of the mode after one beyond which a flight may begin, of several
+        coordinates: not on their surface, and the mode before does not have them, or the rate of
+        their gap coordinates jumps there.
         """
         guards, passages = self.model.WALLS, self.passages
         if self.model.DEGREES_OF_FREEDOM == 1:
             return []
         beside = {*passages.beginning(left), *passages.resting(left)}
+        bending = passages.bending(left)
         return [
             k
             for k, guard in enumerate(guards)
             if passages.watched[left][k]
-            and not {*guard.modes} & {*guards[left].modes}
+            and (k in bending or not {*guard.modes} & {*guards[left].modes})
             and passages.arrivals[left][k] == ELSEWHERE
             and k not in beside
         ]

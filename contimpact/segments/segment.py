@@ -48,6 +48,9 @@ class Passages(NamedTuple):
         Of each guard that is left: whether the flight begins on the surface of each guard of its
         mode with a rate of either sign, so that it may leave the mode at once; or always without
         any. Empty for none.
+    bends : tuple of tuple of bool
+        Of each guard that is left: whether the rate of each guard's gap coordinate is another one
+        after it than before, in modes that both have that guard. Empty for none.
     """
 
     watched: tuple[tuple[bool, ...], ...]
@@ -56,6 +59,7 @@ class Passages(NamedTuple):
     onto: tuple[tuple[bool, ...], ...] = ()
     begins: tuple[tuple[bool, ...], ...] = ()
     at_rest: tuple[tuple[bool, ...], ...] = ()
+    bends: tuple[tuple[bool, ...], ...] = ()
 
     def meets_at_rest(self, left: int, reached: int) -> bool:
         """Whether a flight that a touch starts can vanish."""
@@ -76,6 +80,10 @@ class Passages(NamedTuple):
     def resting(self, left: int) -> list[int]:
         """Return the guards on whose surface the flight begins without any."""
         return [k for k, rests in enumerate(self.at_rest[left]) if rests] if self.at_rest else []
+
+    def bending(self, left: int) -> list[int]:
+        """Return the guards whose gap coordinates have another rate after a guard than before."""
+        return [k for k, bends in enumerate(self.bends[left]) if bends] if self.bends else []
 
     def vanishes(self, left: int, reached: int) -> bool:
         """Whether a flight can vanish together with the velocities at its ends."""

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from ..arrays import Array
-from ..models.guards import Guard, Row, slides_at
+from ..models.guards import Guard, Row, slides_at, state_before
 from ..models.model import Model
 from .arithmetic import ARRAYS, Kernel, evaluate_in
 from .flight import FlightGaps, Touch, chebyshev_zeros, flight_gaps, rounding_along
@@ -88,7 +88,8 @@ def margin(
 ) -> float:
     """Return how far within a limit the motion would begin, or on its surface how fast it goes
     there; negative beyond it. Not a number where that is rounding, as it is along all of a branch
-    where sliding ends.
+    where sliding ends, and where the impact changes the rate of the gap, but the gap is not
+    smallest there.
 
     Parameters
     ----------
@@ -97,9 +98,17 @@ def margin(
     values, positions : sequence of float
         Of the parameters, and of the guards.
     """
-    position = positions[kernels.model.letters.index(limit)]
+    places = kernels.model.letters
+    left, met = places.index(begun), places.index(limit)
     begin, rate, curvature = kernels.gap(begun, limit)(*leave, 0.0, *values)
-    gap = position - begin
+    gap = positions[met] - begin
+    if met in kernels.passages.bending(left):
+        guards, size = kernels.model.WALLS, kernels.model.DEGREES_OF_FREEDOM
+        _, speeds = state_before(guards[left].row(size), positions[left], leave[1:])
+        before = sum(c * v for c, v in zip(guards[met].row(size), speeds, strict=True))
+        side, least = guards[met].side, ROUNDING * (abs(begin) + abs(positions[met]))
+        if not (side * before > 0.0 > side * rate and abs(gap) > least):
+            return math.nan
     if begins_on_surface(kernels, begun, limit):
         least = AT_REST * abs(curvature) * kernels.setup(*values).period
         gap = -rate if abs(rate) > least else math.nan

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import cmath
+import copy
 import math
 
 import numpy as np
@@ -9,8 +11,10 @@ import pytest
 
 from contimpact.bifurcations.registry import test_functions as functions
 from contimpact.continuation.settings import Settings
+from contimpact.diagrams.explore import follow
 from contimpact.diagrams.orbit_branch import symmetric, symmetry_of, walk_both_ways
 from contimpact.orbits.search import find_orbits
+from contimpact.results.scene import read_scene
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.coupled_by_impact import CoupledByImpact
 from contimpact.systems.impact_damper import ImpactDamper
@@ -171,3 +175,65 @@ def test_simulation_between_two_stops_settles_on_the_stable_orbit():
     end = simulator.run(simulator.state("R", 0.3, 0.9), impacts=200).end
     time, speed = orbit.problem.impacts(orbit.unknowns)[0]
     assert (end.phase, end.velocity) == pytest.approx((time, speed), abs=1e-10)
+
+
+CORNER = {
+    "name": "corner",
+    "model": {
+        "system": "linear",
+        "coordinates": ["x", "y"],
+        "mass": [[1, 0], [0, 1]],
+        "damping": [[0.2, 0], [0, 0.2]],
+        "stiffness": [[1, 0], [0, 2]],
+        "force": ["a*cos(w*t)", "b*cos(w*t)"],
+        "period": "2*pi/w",
+        "parameters": {"a": 1.0, "b": 0.2, "w": 1.3, "d": 0.2, "g": 1.0, "r": 0.8},
+        "guards": {
+            "A": {"within": "x <= d", "restitution": "r"},
+            "C": {"within": "x + y <= g", "restitution": "r"},
+        },
+    },
+    "follow": {"parameter": "g", "range": [-0.5, 1.0], "orbits": ["A"], "max_branches": 1},
+    "detect": {"events": ["G", "V", "T"]},
+    "numerics": {"max_step": 0.05},
+}
+"""Two bodies that know nothing of each other, and a guard on the sum of their positions, which is
+largest where the first one hits its wall."""
+
+
+def test_a_gap_that_is_smallest_at_an_impact_elsewhere_is_found():
+    scene = read_scene({**CORNER, "follow": {**CORNER["follow"], "unphysical": True}})
+    (branch,) = follow(scene).branches
+    (event,) = branch.events
+    response = 0.2 / (2.0 - 1.3**2 + 0.26j)
+    expected = 0.2 + (response * cmath.exp(1.3j * branch["t1"][0])).real
+    assert (event.kind, event.wall, event.impact) == ("G", "C", 0)
+    assert event.value == pytest.approx(expected, abs=1e-13)
+    assert branch.missed == []
+    assert np.array_equal(branch["physical"] == 1, branch["g"] >= event.value)
+    assert branch["smallest_gap"][0] == pytest.approx(branch["g"][0] - expected, abs=1e-12)
+    others = [branch["x1_1"][0], branch["v1_1"][0]]
+    for beside, word in ((1e-6, "AAAA"), (-1e-6, "C")):
+        simulator = Simulator(scene.model.replace(g=event.value + beside))
+        state = simulator.state("A", branch["t1"][0], branch["v1"][0], others)
+        assert simulator.run(state, impacts=4).word.startswith(word)
+
+
+def test_a_touch_inside_a_flight_is_not_that_at_its_end():
+    """On the orbit that touches the guard from within a flight and passes it at an impact."""
+    table = copy.deepcopy(CORNER)
+    k1, k2, c = 2.391, 1.364, 0.545
+    table["model"] |= {
+        "mass": [[1, 0], [0, 0.662]],
+        "damping": [[0.095, 0], [0, 0.137]],
+        "stiffness": [[k1 + c, -c], [-c, k2 + c]],
+        "force": ["a*cos(w*t)", "b*sin(w*t)"],
+        "parameters": {"a": 1.408, "b": 0.011, "w": 1.39, "d": 0.236, "g": 0.6, "r": 0.696},
+    }
+    table["model"]["guards"]["C"]["within"] = "x - 0.587*y <= g"
+    table["follow"]["unphysical"] = True
+    (branch,) = follow(read_scene(table)).branches
+    inside, corner = branch.events
+    assert (inside.kind, inside.impact, inside.physical) == ("G", None, False)
+    assert (corner.kind, corner.impact, corner.physical) == ("G", 0, True)
+    assert np.array_equal(branch["physical"] == 1, branch["g"] >= corner.value)
