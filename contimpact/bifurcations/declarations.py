@@ -52,6 +52,7 @@ SYNONYMS = {
     **dict.fromkeys(("PF", "SB", "BPC"), "crossings of branches and pitchforks are BP here"),
     **dict.fromkeys(("GR", "GRAZE", "GZ"), "grazings are G here"),
     **dict.fromkeys(("FLIP", "P2"), "period doublings are PD here"),
+    "CR": "crises are located by detect.crises of scenes, and by locate_crisis",
 }
 """Names of kinds elsewhere, and what they are here."""
 

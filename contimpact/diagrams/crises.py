@@ -22,6 +22,8 @@ from ..bifurcations.crisis import (
     solve,
     unstable_direction,
 )
+from ..bifurcations.extended_system import EPSILON
+from ..continuation.branch import Event, Point, Points
 from ..continuation.ends import End
 from ..continuation.settings import Settings
 from ..continuation.walk import walk
@@ -30,20 +32,28 @@ from ..models.model import Model
 from ..models.word import Word
 from ..orbits.orbit import Orbit
 from ..orbits.search import solve_near
+from ..progress import Asked
+from ..results.branch import Branch
 from ..results.diagram import Diagram
+from ..results.entry_conversion import entry_of, pairs_of
 from ..results.options import CURVE_SETTINGS
-from ..results.simulate_tables import SETTLING, Settling
+from ..results.scene import Scene
+from ..results.simulate_tables import SETTLING, Settling, SimulateOptions
+from ..results.tables import columns_of
 from ..segments.kernels import Kernels
 from ..segments.touches import interior_touches
 from ..simulation.attractor import Attractor, Kind
 from ..simulation.basins import orbits_on
 from ..simulation.run import Run, State
 from ..simulation.settle import settle
-from ..simulation.simulator import Simulator
-from ..simulation.sweep import Sweep
+from ..simulation.simulator import Simulator, has_several_coordinates
+from ..simulation.sweep import Row, Sweep, sweep
 from ..simulation.transitions import all_changes
 from ..storage.texts import Json, json_text
+from .orbit_branch import tabulate
 
+CR = "CR"
+"""Kind of their entries."""
 CRISES = "contimpact.crises/1"
 """Schema of ``crises.json``."""
 
@@ -84,8 +94,8 @@ class Crisis:
     value: float
     error: float
     """Bound of the value's error: rounding, and what longer paths change."""
-    label: str
-    """``CR[1:1/C|2:1]``: the attractor, and the orbit whose stable manifold it touches."""
+    attractor: str
+    """Notation of the motion that ends."""
     type: str | None
     """``boundary`` if the motion leaves the attractor beyond; None if it stays complex as long as
     it was simulated there: the crisis is an interior one, or the transient longer."""
@@ -99,6 +109,13 @@ class Crisis:
     """The connection that grazes."""
     model: Model = field(repr=False)
     """The model at the crisis."""
+    branch: str | None = None
+    """The branch on which the orbit lies, if it was found on one."""
+
+    @property
+    def label(self) -> str:
+        """``CR[1:1/C|2:1]``: the attractor, and the orbit whose stable manifold it touches."""
+        return f"{CR}[{self.attractor}|{self.orbit.notation}]"
 
     @property
     def walls(self) -> str:
@@ -129,19 +146,26 @@ class Crisis:
 
     def as_record(self) -> dict[str, Any]:
         """Return plain data."""
-        problem = self.path.problem
         return {
-            "kind": "CR",
+            "kind": CR,
             "label": self.label,
             "parameter": self.parameter,
             "value": self.value,
             "error": self.error,
+            "parameters": {**self.orbit.parameters},
+            "orbit": str(self.orbit.word),
+            "branch": self.branch,
+            **self.connection(),
+        }
+
+    def connection(self) -> dict[str, Any]:
+        """Return as plain data what a crisis has besides its orbit, as its entry keeps it."""
+        return {
+            "attractor": self.attractor,
             "type": self.type,
             "after": self.after,
             "seen": self.seen,
-            "parameters": {**self.orbit.parameters},
-            "orbit": str(self.orbit.word),
-            "leaves": str(problem.before),
+            "leaves": str(self.path.problem.before),
             "homoclinic": self.homoclinic,
             "walls": self.walls,
             "grazing": self.grazing,
@@ -193,11 +217,8 @@ def locate_crisis(
         For a system with several coordinates or without forcing, or an orbit that is not
         unstable in one direction, with a positive multiplier, or not physical.
     """
-    model, problem = orbit.model, orbit.problem
-    simulator = Simulator(model, problem.kernels)
-    if simulator.several or model.autonomous:
-        accepted = "crises are located of one forced coordinate between rigid walls"
-        raise InputError("orbit", f"one of {model.SYSTEM}", accepted)
+    require_one_coordinate(orbit.model, orbit.problem.kernels, "orbit")
+    simulator = Simulator(orbit.model, orbit.problem.kernels)
     if not _saddle(orbit):
         accepted = "give a physical orbit with one multiplier above 1, and the others below"
         raise InputError("orbit", repr(orbit), accepted)
@@ -229,6 +250,13 @@ def locate_crisis(
     return NoCrisis(f"{reached}, but not both near to each other; simulate more impacts")
 
 
+def require_one_coordinate(model: Model, kernels: Kernels, where: str) -> None:
+    """Raise `InputError` for a system whose crises are not located."""
+    if model.autonomous or has_several_coordinates(model, kernels):
+        accepted = "crises are located of one forced coordinate between rigid walls"
+        raise InputError(where, f"the system {model.SYSTEM}", accepted)
+
+
 def find_crises(
     sweep: Sweep, diagram: Diagram, *, impacts: int = 40_000
 ) -> list[Crisis | NoCrisis]:
@@ -255,19 +283,22 @@ def find_crises(
         if before.attractor.kind is not Kind.COMPLEX or after.attractor.kind is Kind.COMPLEX:
             continue
         orbits = [
-            orbit
+            (orbit, branch.id)
             for branch in diagram.branches
             if branch.word
             for orbit in orbits_on(branch, sweep, before.value, kernels)
             if _saddle(orbit)
         ]
-        tried = [locate_crisis(o, before.attractor.state, impacts=impacts) for o in orbits]
+        met = list[Crisis]()
         low, high = sorted((before.value, after.value))
-        met = [c for c in tried if isinstance(c, Crisis) and low <= c.value <= high]
+        for orbit, branch in orbits:
+            tried = locate_crisis(orbit, before.attractor.state, impacts=impacts)
+            if isinstance(tried, Crisis) and low <= tried.value <= high:
+                met.append(replace(tried, branch=branch))
         if met:
             found.append(min(met, key=lambda c: abs(c.value - before.value)))
             continue
-        words = ", ".join(sorted({orbit.notation for orbit in orbits})) or "none"
+        words = ", ".join(sorted({orbit.notation for orbit, _ in orbits})) or "none"
         found.append(
             NoCrisis(
                 f"{before.attractor.notation} ends between {sweep.parameter} = {before.value:.9g} "
@@ -284,6 +315,75 @@ def crises_text(found: Sequence[Crisis | NoCrisis], parameter: str) -> str:
     without = [none.reason for none in found if isinstance(none, NoCrisis)]
     head: dict[str, Json] = {"schema": CRISES, "parameter": parameter}
     return json_text({**head, "crises": crises, "unexplained": without})
+
+
+# Crises as entries of a diagram.
+
+
+def locate_in_scene(scene: Scene, diagram: Diagram, progress: Asked = False) -> Diagram:
+    """Return a scene's diagram with its crises, from sweeps as [simulate] has them, or else both
+    ways along the whole range."""
+    options = scene.simulate or SimulateOptions(scene.range, direction="both")
+    given, rows = (scene.model, scene.parameter), list[Row]()
+    about: dict[str, Any] = {"settling": options.settling, "rng": options.seed}
+    about |= {"kernels": Kernels(*given), "progress": progress}
+    for _, values in options.sweeps():
+        rows += sweep(*given, values, **about).rows
+    return add_crises(diagram, find_crises(Sweep(*given, rows), diagram))
+
+
+def add_crises(diagram: Diagram, found: Sequence[Crisis | NoCrisis]) -> Diagram:
+    """Return a diagram with crises as entries on the branches of their orbits, each once, and with
+    what was not found in its notes."""
+    branches = {branch.id: branch for branch in diagram.branches}
+    known = list[Crisis]()
+    for one in found:
+        if not isinstance(one, Crisis) or one.branch is None:
+            continue
+        if not any(c.branch == one.branch and _same_value(c, one) for c in known):
+            number = len(diagram.entries) + len(known) + 1
+            branches[one.branch] = _with_entry(branches[one.branch], one, f"e{number}")
+            known.append(one)
+    statistics = dict(diagram.statistics)
+    without = [str(none) for none in found if isinstance(none, NoCrisis)]
+    statistics["notes"] = [*statistics.get("notes", ()), *without]
+    return replace(diagram, branches=list(branches.values()), statistics=statistics)
+
+
+def _same_value(one: Crisis, other: Crisis) -> bool:
+    return abs(one.value - other.value) <= one.error + other.error
+
+
+def _with_entry(branch: Branch, crisis: Crisis, name: str) -> Branch:
+    """The branch with a crisis of one of its orbits: an entry, and a row."""
+    orbit, path = crisis.orbit, crisis.path
+    columns = [*columns_of(branch.word, orbit.problem.m), branch.parameter]
+    rows = np.column_stack([branch[column] for column in columns])
+    steps, offsets = np.diff(rows, axis=0), orbit.unknowns - rows[:-1]
+    parts = np.sum(offsets * steps, axis=1) / np.maximum(np.sum(steps**2, axis=1), EPSILON**2)
+    parts = np.clip(parts, 0.0, 1.0)
+    row = int(np.argmin(np.sum((offsets - parts[:, None] * steps) ** 2, axis=1)))
+    first, second = branch["arclength"][row : row + 2].tolist()
+    place = first + float(parts[row]) * (second - first)
+    point = Point(orbit.linearisation, np.zeros(len(orbit.unknowns)), 0.0, place, 0)
+    residual = float(np.max(np.abs(path.residual)))
+    made = entry_of(
+        Event(CR, point, residual, crisis.error, "newton"), name, branch.id, *[point] * 2
+    )
+    beside = [pairs_of(m) for m in branch.multipliers[row : row + 2]]
+    entry = replace(
+        made,
+        label=crisis.label,
+        ghost=False,
+        why=None,
+        multipliers_before=beside[0],
+        multipliers_after=beside[1],
+        crisis=crisis.connection(),
+    )
+    new = tabulate(Points([point]), [(point, entry)])
+    table = {n: np.insert(values, row + 1, new[n]) for n, values in branch.columns.items()}
+    events = sorted([*branch.events, entry], key=lambda e: e.arclength)
+    return replace(branch, columns=table, events=events)
 
 
 def _saddle(orbit: Orbit) -> bool:
@@ -500,15 +600,12 @@ def _crisis(
     value = float(path.unknowns[-1])
     here = solve_near(orbit.problem, np.append(orbit.unknowns[:-1], value))
     there = Orbit(orbit.problem, here) if here is not None else orbit
-    label = f"CR[{attractor.notation}|{orbit.notation}]"
     model = orbit.model.replace(**{orbit.parameter: beyond})
     kernels = orbit.problem.kernels
     after = settle(Simulator(model, kernels), attractor.state, PATIENT)
     type_ = None if after.kind in (Kind.COMPLEX, Kind.NOT_SETTLED) else "boundary"
-    notation = after.notation
-    return Crisis(
-        orbit.parameter, value, error, label, type_, notation, orbit.value, there, path, there.model
-    )
+    names = attractor.notation, type_, after.notation
+    return Crisis(orbit.parameter, value, error, *names, orbit.value, there, path, there.model)
 
 
 # Curves of crises in two parameters.

@@ -152,6 +152,14 @@ def follow(scene: Scene | str | Path | Mapping[str, Any], progress: Asked = None
     with progress_lines(progress, scene.name) as tell:
         explorer = _Explorer(scene, tell)
         diagram = explorer.run()
+        if scene.crises and not diagram.statistics["failure"]:
+            from .crises import locate_in_scene
+
+            try:
+                diagram = locate_in_scene(scene, diagram, tell)
+            except KeyboardInterrupt:
+                cut_short = {**diagram.statistics, "failure": INTERRUPTED}
+                diagram = replace(diagram, statistics=cut_short)
         if scene.curves is not None and not diagram.statistics["failure"]:
             from .map_explorer import add_map
 
@@ -189,6 +197,10 @@ class _Explorer:
         scene = self.scene
         began = time.perf_counter()
         self.kernels = Kernels(scene.model, scene.parameter)
+        if scene.crises:
+            from .crises import require_one_coordinate
+
+            require_one_coordinate(scene.model, self.kernels, "detect.crises")
         try:
             self.problems = {word: self.problem(word) for word in scene.orbits}
         except InputError as error:

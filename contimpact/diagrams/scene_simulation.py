@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -51,8 +51,8 @@ STAGES = (
     "sweep",
     "random",
     "swept",
-    "transitions",
     "crises",
+    "transitions",
     "coverage",
     "portraits",
     "basins",
@@ -149,6 +149,10 @@ class _Director:
             from ..simulation.energy import require_masses
 
             require_masses(scene.model, kernels, "simulate.losses")
+        if self.options.crises:
+            from .crises import require_one_coordinate
+
+            require_one_coordinate(scene.model, kernels, "simulate.crises")
         digest = fingerprint(scene.resolved())
         self.kept = Checkpoint(folder / ROWS, digest, resume, scene.model)
         self.values = self.options.rising()
@@ -175,7 +179,8 @@ class _Director:
         if self.options.branches:
             from .explore import INTERRUPTED, follow
 
-            diagram = self.result.diagram = follow(self.scene, self.progress)
+            diagram = follow(replace(self.scene, crises=False), self.progress)
+            self.result.diagram = diagram
             self.result.notes += diagram.statistics["notes"]
             failure = diagram.statistics["failure"]
             if failure == INTERRUPTED:
@@ -244,6 +249,14 @@ class _Director:
             self.show(self.result)
             self.result.interrupted = None
 
+    def crises(self) -> None:
+        if self.options.crises and self.result.diagram is not None:
+            from .crises import add_crises, find_crises
+
+            self.progress("locating crises")
+            self.result.crises = find_crises(self.result.sweep, self.result.diagram)
+            self.result.diagram = add_crises(self.result.diagram, self.result.crises)
+
     def transitions(self) -> None:
         sweep, diagram = self.result.sweep, self.result.diagram
         pairs = self.changes()
@@ -270,13 +283,6 @@ class _Director:
         span = (self.values[-1] - self.values[0]) / max(len(self.values) - 1, 1)
         halvings = math.log2(max(span / self.options.width, 1.0))
         return halvings * self.result.seconds.get("sweep", 0.0) / values
-
-    def crises(self) -> None:
-        if self.options.crises and self.result.diagram is not None:
-            from .crises import find_crises
-
-            self.progress("locating crises")
-            self.result.crises = find_crises(self.result.sweep, self.result.diagram)
 
     def coverage(self) -> None:
         if self.result.diagram is not None:

@@ -78,7 +78,7 @@ def members(branches: Sequence[Branch], derived: Sequence[str]) -> list[dict[str
 
 
 SCHEMA = "contimpact.page/1"
-UNSAID = ("system", "options", "tangent", "multipliers_before", "multipliers_after")
+UNSAID = ("system", "options", "tangent", "multipliers_before", "multipliers_after", "crisis")
 """Keys of entries that a page leaves out."""
 
 
@@ -351,7 +351,7 @@ def _look_record(kind: str) -> dict[str, Any]:
 def _reading(diagram: Diagram, found: Reading) -> dict[str, Any]:
     """What was read, stable runs with their rows."""
     branches = {branch.id: branch for branch in diagram.branches}
-    record = found.as_record() | {"incomplete": found.incomplete}
+    record = {"crises": []} | found.as_record() | {"incomplete": found.incomplete}
     for run in record["stable"]:
         branch = branches[run["branch"]]
         run["rows"] = [_row_at(branch, run["low"]), _row_at(branch, run["high"])]

@@ -255,7 +255,7 @@ class Entry(NotebookResult):
     id, branch : str
         Its own name and its branch's.
     kind : str
-        FB, BP, PD, NS, G, V, T, UZ, or a user's name.
+        FB, BP, PD, NS, G, V, T, UZ, CR, or a user's name.
     label : str
         As in Table 1 of the paper: ``PD``, ``~PD``, ``G[1:1->2:1]``.
     ghost : bool
@@ -304,6 +304,8 @@ class Entry(NotebookResult):
     sliding : str or None
         Which sliding bifurcation it is: ``grazing-sliding``, ``adding-sliding``,
         ``switching-sliding`` or ``crossing-sliding``.
+    crisis : mapping or None
+        For CR, the attractor that ends, what is seen beyond, and the connection that grazes.
     certified_radius : float or None
         Radius of the proven enclosure of the followed parameter, where the entry is certified.
     nu, nu_error : float or None
@@ -353,6 +355,7 @@ class Entry(NotebookResult):
     certified_radius: float | None = None
     orbit_period: float | None = None
     sliding: str | None = None
+    crisis: Mapping[str, Any] | None = None
 
     @property
     def times(self) -> Array:
@@ -523,9 +526,11 @@ class Branch(Columns):
     def between(self) -> Array:
         """Whether a row has the status of neither side.
 
-        So it is at an event, and where the branch is born, whose orbit is another branch's.
+        So it is at an event of the orbits themselves, no crisis, and where the branch is born,
+        whose orbit is another branch's.
         """
-        found = np.asarray(self["event"] != "")
+        crises = [entry.id for entry in self.events if entry.crisis is not None]
+        found = (self["event"] != "") & ~np.isin(self["event"].astype(str), crises)
         found[0] |= self.ends[0].kind is EndKind.BORN
         return found
 

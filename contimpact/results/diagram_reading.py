@@ -11,7 +11,7 @@ per period:
    stable from its grazing on;
 4. as 3, but nothing that was followed of the old family is stable where the new orbit is born at a
    fold. The paper says that the fold quenches the complex motion in between; in Fig. 7 a boundary
-   crisis ends it, and what ends it is not read here.
+   crisis ends it. It is read where crises were located.
 """
 
 from __future__ import annotations
@@ -80,6 +80,33 @@ class GrazingTransition:
     """Grazings of the source's period-doubled branches, the analytic counterpart of PD_G."""
 
 
+@dataclass(frozen=True)
+class CrisisEnd:
+    """An attractor that ends, or changes, in a crisis."""
+
+    entry: str
+    """The crisis."""
+    parameter: str
+    value: float
+    attractor: str
+    orbit: str
+    """`attractor`, `orbit`: notations, the second of the unstable orbit."""
+    type: str | None
+    """``boundary``, or None if the motion was seen to stay complex beyond."""
+    after: str
+    """What the motion settles on beyond."""
+
+    def __str__(self) -> str:
+        place = f"{self.parameter} = {self.value:.9g}"
+        if self.type is None:
+            what = (
+                f"the chaos {self.attractor} meets the unstable {self.orbit} at {place} in a crisis"
+            )
+            return f"{what} ({self.entry}), interior or with a long transient; beyond: {self.after}"
+        what = f"the chaos {self.attractor} ends at {place} in a {self.type} crisis"
+        return f"{what} on the unstable {self.orbit} ({self.entry}); beyond: {self.after}"
+
+
 SURVEYS = {
     "done": "",
     "none": "not surveyed: orbits on no followed branch may exist; follow.survey = true in a scene "
@@ -107,6 +134,8 @@ class Reading:
     unknown: Sequence[Interval] = ()
     """Stretches between two events of which no recorded orbit gives the status, as in files of
     earlier versions."""
+    crises: Sequence[CrisisEnd] = ()
+    """Where complex motion ends in crises, as far as they were located."""
     labels: Mapping[str, str] = field(default_factory=dict, repr=False)
     """The label of each event by its name, for words; the catalogue has them with its entries."""
 
@@ -119,6 +148,8 @@ class Reading:
         """Return plain data."""
         lists = asdict(self)
         del lists["survey"], lists["labels"]  # the catalogue's own keys
+        if not self.crises:
+            del lists["crises"]
         return lists
 
     def __str__(self) -> str:
@@ -136,6 +167,7 @@ class Reading:
         ]
         lines += [self.incomplete] if self.incomplete else []
         lines += [sentence(t) for t in self.transitions]
+        lines += map(str, self.crises)
         return "\n".join(lines)
 
     def _bound(self, name: str | None) -> str:
@@ -182,7 +214,16 @@ def read(diagram: DiagramSurvey) -> Reading:
     ]
     unknown = [interval for branch in diagram.branches for interval in unknown_intervals(branch)]
     labels = {entry.id: entry.label for entry in diagram.entries}
-    return Reading(stable, _bistable(stable, member), transitions, diagram.survey, unknown, labels)
+    crises = [
+        CrisisEnd(
+            *(e.id, e.parameter, e.value, str(e.crisis.get("attractor")), e.notation),
+            *(e.crisis.get("type"), str(e.crisis.get("after"))),
+        )
+        for e in diagram.entries
+        if e.crisis is not None
+    ]
+    bistable = _bistable(stable, member)
+    return Reading(stable, bistable, transitions, diagram.survey, unknown, crises, labels)
 
 
 def stable_intervals(branch: Branch | DiagramSurvey) -> list[Interval]:

@@ -62,9 +62,9 @@ def entry_of(event: Event, identity: str, branch: str, before: Point, after: Poi
         parameter=problem.parameter,
         parameters=all_parameters(here),
         impacts=impacts_of(problem, here.unknowns),
-        multipliers=_pairs(multipliers),
-        multipliers_before=_pairs(before.evaluation.multipliers),
-        multipliers_after=_pairs(after.evaluation.multipliers),
+        multipliers=pairs_of(multipliers),
+        multipliers_before=pairs_of(before.evaluation.multipliers),
+        multipliers_after=pairs_of(after.evaluation.multipliers),
         n_unstable=n_unstable,
         stable=n_unstable == 0,
         physical=verdict.physical,
@@ -111,7 +111,8 @@ def details_of(entry: Entry) -> dict[str, Any]:
     return details
 
 
-def _pairs(multipliers: Array) -> list[tuple[float, float] | None]:
+def pairs_of(multipliers: Array) -> list[tuple[float, float] | None]:
+    """Return multipliers as an entry records them."""
     return [(m.real, m.imag) if np.isfinite(m) else None for m in multipliers.tolist()]
 
 

@@ -13,7 +13,7 @@ import sys
 import tomllib
 import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -288,6 +288,8 @@ class Scene:
     """Kinds to look for."""
     values: Mapping[str, Sequence[float]] = field(default_factory=dict)
     """Values to hit exactly, by parameter."""
+    crises: bool = False
+    """Whether crises are located where complex motion ends."""
     settings: Settings = SCENE_SETTINGS
     seed: int = 0
     starts: int = 256
@@ -296,7 +298,7 @@ class Scene:
     plot: PlotOptions = field(kw_only=True)
     curves: CurveOptions | None = None
     simulate: SimulateOptions | None = None
-    """Options of ``contimpact simulate``; ``contimpact run`` does not look at them."""
+    """Options of ``contimpact simulate``; ``contimpact run`` sweeps by them for crises."""
     energy: Membrane | None = None
     """Data from which output voltages are computed, if they are."""
     certify: CertifyOptions | None = None
@@ -333,6 +335,7 @@ class Scene:
             "detect": {
                 "events": list(self.events),
                 "values": {name: list(values) for name, values in self.values.items()},
+                **({"crises": True} if self.crises else {}),
             },
             "numerics": {
                 **asdict(self.settings),
@@ -518,7 +521,7 @@ def read_scene(given: Mapping[str, Any], systems: Mapping[str, type[Model]] | No
     if not orbits:
         raise InputError("follow.orbits", "empty", "name at least one orbit, such as '1:1'")
     detect = top.table("detect", optional=True)
-    events, values = read_detect(detect, model, parameter, (low, high))
+    events, values, crises = read_detect(detect, model, parameter, (low, high))
     reach = read_reach(follow, model, events)
     follow.finish()
     settings, search = read_numerics(top.table("numerics", optional=True))
@@ -533,7 +536,9 @@ def read_scene(given: Mapping[str, Any], systems: Mapping[str, type[Model]] | No
         found = "proofs are for the forcing's period, and the system has no forcing"
         raise InputError("certify", found, "leave it out")
     top.finish()
+    if simulate is not None and simulate.branches:
+        simulate = replace(simulate, crises=simulate.crises or crises)
     asked: dict[str, Any] = {"events": events, "values": values, "settings": settings, "plot": plot}
     asked |= {"curves": curves, "simulate": simulate, "energy": energy, "certify": certify}
-    asked |= {**search, **reach}
+    asked |= {"crises": crises, **search, **reach}
     return Scene(name, source, model, parameter, (low, high), orbits, given=given, **asked)

@@ -163,8 +163,8 @@ def _survey(follow: Table) -> bool | str:
 
 def read_detect(
     table: Table, model: Model, parameter: str, limits: tuple[float, float]
-) -> tuple[tuple[str, ...], dict[str, list[float]]]:
-    """Return the kinds of events of [detect], and the values to hit."""
+) -> tuple[tuple[str, ...], dict[str, list[float]], bool]:
+    """Return the kinds of events of [detect], the values to hit, and whether crises are located."""
     events = table.texts("events", list(usual_events(model)))
     for i, kind in enumerate(events):
         if kind not in KINDS:
@@ -188,8 +188,9 @@ def read_detect(
             raise InputError(f"detect.values.{parameter}[{i}]", found, accepted)
     accepted = f"give detect.values.{parameter} = [...]"
     events = wanted_kinds(events, values, "detect.events", accepted)
+    crises = table.truth("crises", False)
     table.finish()
-    return tuple(events), values
+    return tuple(events), values, crises
 
 
 def read_curves(

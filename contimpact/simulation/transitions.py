@@ -485,6 +485,9 @@ def explain_transition(transition: Transition, diagram: Diagram, sweep: Sweep) -
     to the one after. Otherwise the nearest entries of the kinds that go with it, on branches of
     these orbits and of the orbit whose periods were doubled, bound it: for TG and PD_G those are
     the fold at which the orbit after is born, and the (ghost) grazing of the orbit before.
+
+    A crisis of the motion before explains its end also from a step of the sweep away: beyond it
+    transients are long.
     """
     values = [row.value for row in sweep.rows]
     span = (max(values) - min(values)) or 1.0
@@ -496,6 +499,12 @@ def explain_transition(transition: Transition, diagram: Diagram, sweep: Sweep) -
         near.append((distance, entry))
     near.sort(key=lambda pair: pair[0])
     explains = [pair for pair in near if pair[0] <= EXPLAINED * span]
+    step = max((b - a for a, b in itertools.pairwise(sorted({*values}))), default=0.0)
+    for entry in diagram.entries:
+        distance = max(low - entry.value, entry.value - high, 0.0)
+        ended = entry.crisis and entry.crisis.get("attractor") == transition.before.notation
+        if ended and distance <= step:
+            explains.insert(0, (distance, entry))
     chosen = explains[:2] or _bounds(near, transition)
     role = "explains" if explains else "bounds"
     records = [Explanation(e.id, e.label, e.value, d, role) for d, e in chosen]
@@ -514,6 +523,8 @@ def _bounds(
 def _is_related(entry: Entry, transition: Transition) -> bool:
     """Whether an entry is of the orbits beside a transition, or of one they have multiplied."""
     kinds = _KINDS.get(transition.kind or "")
+    if entry.crisis is not None:
+        return False
     if kinds is not None and entry.kind not in kinds:
         return False
     sides = (transition.before, transition.after)

@@ -9,28 +9,35 @@ from __future__ import annotations
 import json
 import math
 
+import mpmath as mp
 import numpy as np
 import pytest
-from zoo import scene
+from exact_flights import pair_flight
+from zoo import TWO_MASSES, scene
 
 from contimpact.bifurcations.crisis import error_of, solve
 from contimpact.diagrams.crises import (
     Crisis,
     NoCrisis,
+    add_crises,
     crises_text,
     find_crises,
     follow_crisis,
     locate_crisis,
 )
+from contimpact.diagrams.explore import follow
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.errors import InputError
 from contimpact.orbits.search import find_orbits
+from contimpact.page.data import PageView, page_data
+from contimpact.results.catalogue import load_diagram, write_diagram
 from contimpact.results.diagram import Diagram
 from contimpact.results.simulate_tables import Settling
 from contimpact.simulation.attractor import Kind
 from contimpact.simulation.settle import settle
 from contimpact.simulation.simulator import Simulator
-from contimpact.simulation.sweep import sweep
+from contimpact.simulation.sweep import Simulators, sweep
+from contimpact.simulation.transitions import explain_transition, transitions_between
 from contimpact.systems.impact_pair import ImpactPair
 
 FIG7 = 0.355220528250598985031742370212
@@ -118,6 +125,91 @@ def test_a_curve_in_two_parameters(crisis):
     assert curve.at(0.3) == pytest.approx([FIG7], abs=1e-13)
 
 
+@pytest.fixture(scope="module")
+def diagram():
+    """A run of a scene that asks for crises: the branch of 2:1, and a sweep down."""
+    return follow(
+        scene(
+            model={
+                "system": "impact-pair",
+                "parameters": {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.3556},
+            },
+            follow={"parameter": "s", "range": [0.34, 0.3566], "orbits": ["2:1"], "switch": []},
+            detect={"events": ["FB"], "crises": True},
+            simulate={"range": [0.3546, 0.3574], "values": 4},
+        )
+    )
+
+
+def in_thirty_digits(entry):
+    """The crisis of an entry from its connection alone, by equations (4)-(6) of the paper."""
+    kept, values = entry.crisis, {n: mp.mpf(x) for n, x in entry.parameters.items()}
+    walls, last, lap = kept["walls"], len(kept["walls"]) - 1, len(entry.word)
+    before = kept["leaves"].count("B") + kept["leaves"].count("T")
+
+    def residual(*z):
+        at = {**values, "s": z[-1]}
+        rows = list(zip(z[:-1:2], z[1:-1:2], strict=True))
+        found = [
+            x
+            for k in range(last)
+            for x in pair_flight(
+                at, "cos(pi*t)", walls[k : k + 1], walls[k + 1], *rows[k], *rows[k + 1]
+            )[0]
+        ]
+        ends = rows[before][0] - rows[0][0] - 2, rows[last][0] - rows[last - lap][0] - 2
+        return [*found, *ends, rows[kept["grazing"]][1]]
+
+    z = [x for row in zip(kept["times"], kept["velocities"], strict=True) for x in row]
+    return mp.findroot(residual, [*map(mp.mpf, z), values["s"]], tol=1e-28)[len(z)]
+
+
+def test_a_run_has_the_crisis_of_its_scene(diagram, tmp_path):
+    """In the catalogue it is solved for again, in 30 digits and from its record alone."""
+    write_diagram(diagram, tmp_path)
+    loaded = load_diagram(tmp_path)
+    assert loaded.branches == diagram.branches
+    (entry,) = [e for e in loaded.entries if e.kind == "CR"]
+    assert (entry.label, entry.notation, entry.ghost) == ("CR[1:1/C|2:1]", "2:1", False)
+    with mp.workdps(30):
+        assert abs(in_thirty_digits(entry) - mp.mpf(entry.value)) <= entry.error < 1e-12
+    assert abs(entry.value - FIG7) <= entry.error
+    flat = (tmp_path / "events.csv").read_text()
+    assert f"{entry.id},CR,0,CR[1:1/C|2:1],," in flat
+    branch = loaded[entry.branch]
+    row = branch["event"].tolist().index(entry.id)
+    assert entry.orbit().value == branch["s"][row] == entry.value
+    assert np.all(np.diff(branch["arclength"]) > 0.0)
+    assert branch.status[row - 1] == branch.status[row] == 1
+    sentence = (
+        "the chaos 1:1/C ends at s = 0.355220528 in a boundary crisis on the unstable 2:1 "
+        f"({entry.id}); beyond: 2:1"
+    )
+    assert sentence in str(loaded.reading).splitlines()
+    page = page_data(loaded, None, PageView("s"))
+    assert [crisis["entry"] for crisis in page["reading"]["crises"]] == [entry.id]
+    assert next(e for e in page["entries"] if e["id"] == entry.id)["parts"]["symbol"] == "CR"
+
+
+def test_a_crisis_explains_the_end_of_the_motion(crisis, swept):
+    """Simulation puts it below, since transients are long there."""
+    branch = continue_orbit(unstable(0.3556), range=(0.355, 0.3565), events=())
+    diagram = add_crises(Diagram("fig7", [branch]), [crisis])
+    simulators = Simulators(swept.model, "s")
+    (found,) = transitions_between(simulators, *swept.rows, 1e-6, Settling(periods=4000))
+    (explanation,) = explain_transition(found, diagram, swept).explanations
+    assert (explanation.label, explanation.role) == ("CR[1:1/C|2:1]", "explains")
+    assert explanation.distance < 3e-5
+
+
+def test_a_crisis_met_twice_is_one_entry(crisis):
+    branch = continue_orbit(unstable(0.3556), range=(0.355, 0.3565), events=())
+    missed = NoCrisis("for a reason")
+    found = add_crises(Diagram("fig7", [branch]), [crisis, missed, crisis])
+    assert [entry.label for entry in found.entries] == ["CR[1:1/C|2:1]"]
+    assert found.statistics["notes"] == ["no crisis: for a reason"]
+
+
 def test_an_end_without_a_crisis_is_reported(swept):
     (found,) = find_crises(swept, Diagram("none", []))
     assert "1:1/C ends between s = 0.3558 and 0.3548" in found.reason
@@ -130,6 +222,16 @@ def test_a_scene_needs_branches():
 
 
 def test_refusals():
+    masses = {"system": "two-masses", "parameters": {**TWO_MASSES}}
+    given = scene(
+        model=masses,
+        follow={"parameter": "omega", "range": [1.2, 1.4], "orbits": ["A"], "switch": []},
+        detect={"crises": True},
+    )
+    with pytest.raises(InputError, match=r"detect\.crises.*two-masses"):
+        follow(given)
+    with pytest.raises(InputError, match=r"located by detect\.crises"):
+        scene(detect={"events": ["CR"]})
     assert isinstance(locate_crisis(unstable(0.35)), NoCrisis)  # below the crisis
     model = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.35)
     stable = next(o for o in find_orbits(model, "2:1", parameter="s") if o.stable)

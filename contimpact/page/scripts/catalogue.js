@@ -190,18 +190,28 @@ function transitionText({ source, target, mechanism, entry, doubling, fold, doub
         ? `; ${target} is stable before the doubled family is lost`
         : `; ${target} is stable from that grazing on`
       : mechanism === 4
-        ? "; nothing of the old family that was followed is stable there, and what ends the motion in between is not read"
+        ? "; nothing of the old family that was followed is stable there" +
+          (page.reading.crises.length ? "" : ", and what ends the motion in between is not read")
         : "";
   return [head, ...before, ...doubled, ...born, last, tail];
 }
 
-/** The transitions that were read; the events in them can be chosen. */
+/** A crisis in words. @param {Crisis} crisis @returns {(string | Node)[]} */
+function crisisText({ entry, attractor, orbit, type, after }) {
+  const beyond = type ? `beyond: ${after}.` : `interior, or with a long transient; beyond: ${after}.`,
+    does = type ? `ends in a ${type} crisis on` : "meets, in a crisis,";
+  return [`The chaos ${attractor} ${does} the unstable ${orbit}, `, eventChip(entry), `; ${beyond}`];
+}
+
+/** The transitions and crises that were read; the events in them can be chosen. */
 function drawTransitions() {
-  element("reading").hidden = page.reading.transitions.length === 0;
+  const { transitions, crises } = page.reading,
+    texts = [...transitions.map(transitionText), ...crises.map(crisisText)];
+  element("reading").hidden = texts.length === 0;
   element("transitions").replaceChildren(
-    ...page.reading.transitions.map((transition) => {
+    ...texts.map((text) => {
       const item = document.createElement("li");
-      item.append(...transitionText(transition));
+      item.append(...text);
       return item;
     }),
   );

@@ -60,6 +60,7 @@
  * @typedef {{source: string, target: string, mechanism: number | null, entry: string, doubling: string | null,
  *   fold: string | null, doubled_grazings: [string, number][]}} Transition
  */
+/** @typedef {{entry: string, attractor: string, orbit: string, type: string | null, after: string}} Crisis */
 /**
  * @typedef {{name: string, version: string, parameter: string, varying: string[], fixed: Record<string, number>,
  *   units: Record<string, string>, walls: string[], every: number, own: number, unknown: string | null,
@@ -68,7 +69,7 @@
  *     source: string, remarks: string[]},
  *   members: {fixed: Record<string, number>, branches: number[]}[], branches: Branch[], entries: Entry[],
  *   looks: Record<string, {marker: string, colour: string, touching: boolean}>,
- *   reading: {stable: Run[], transitions: Transition[], incomplete: string}, machine: Geometry | null, keys: Key[],
+ *   reading: {stable: Run[], transitions: Transition[], crises: Crisis[], incomplete: string}, machine: Geometry | null, keys: Key[],
  *   curves: Curve[], panels: Panel[], swept: Swept[]}} Page
  */
 
