@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 HERE = Path(__file__).resolve().parent
-COMPILED = importlib.util.find_spec("numba") is not None
+COMPILED = importlib.util.find_spec("llvmlite") is not None
 MODES = {"plain": "never"} | ({"compiled": "always"} if COMPILED else {})
-"""Values of CONTIMPACT_COMPILED; compiling needs Numba."""
+"""Values of CONTIMPACT_COMPILED; compiling needs llvmlite."""
 
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class Sample(NamedTuple):
@@ -90,7 +90,6 @@ class Workspace:
             | {
                 "CONTIMPACT_COMPILED": MODES[mode],
                 "CONTIMPACT_CACHE": str(cache),
-                "NUMBA_CACHE_DIR": str(cache / "numba"),
             }
         )
 

@@ -182,7 +182,7 @@ def machine() -> dict[str, str]:
     """Return what ran: the machine's kind and versions."""
     found = {"machine": platform.machine(), "system": platform.system()}
     found["python"] = platform.python_version()
-    for name in ("contimpact", "numpy", "scipy", "numba"):
+    for name in ("contimpact", "numpy", "scipy", "llvmlite"):
         try:
             found[name] = version(name)
         except PackageNotFoundError:

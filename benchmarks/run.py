@@ -68,7 +68,7 @@ def measure(workspace: Workspace, subjects: list[str], runs: int) -> Results:
     """Measure some subjects in interleaved rounds, and check what was computed."""
     results = Results(runs)
     if not COMPILED:
-        results.skipped.append("The rows of compiled code are left out: Numba was not found.")
+        results.skipped.append("The rows of compiled code are left out: llvmlite was not found.")
     if "auto" in subjects and (reason := auto07p.missing()):
         results.skipped.append(f"AUTO's rows and all ratios to it are left out: {reason}.")
         subjects = [name for name in subjects if name != "auto"]

@@ -14,7 +14,6 @@ import invariants
 import mpmath as mp
 import pytest
 from exact_flights import FORCINGS, exact_flight
-from program_text import run_as_texts
 
 from contimpact.models.word import parse_word
 from contimpact.orbits.problem import OrbitProblem
@@ -75,23 +74,6 @@ def plain_and_compiled(kernel_cache, monkeypatch):
         return results
 
     return both
-
-
-@pytest.fixture(params=["text", pytest.param("compiled", marks=pytest.mark.slow)])
-def plain_and_program(request, plain_and_compiled, monkeypatch):
-    """Run something plainly and as the text of a program; and compiled, among slow tests."""
-
-    def both(run):
-        plain = run()
-        made = run_as_texts(monkeypatch)
-        text = run()
-        assert made
-        return plain, text
-
-    if request.param == "text":
-        return both
-    pytest.importorskip("numba", reason="the extra 'fast' is not installed")
-    return plain_and_compiled
 
 
 # Models

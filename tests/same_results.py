@@ -60,9 +60,9 @@ SHOWN = 3
 
 def main(arguments: list[str] | None = None) -> int:
     options = parsed(arguments)
-    if importlib.util.find_spec("numba") is None:
+    if importlib.util.find_spec("llvmlite") is None:
         MODES.pop("compiled", None)
-        print("Compiled results are left out: Numba was not found.")
+        print("Compiled results are left out: llvmlite was not found.")
     return record(options) if options.command == "record" else compare(options)
 
 

@@ -41,7 +41,8 @@ TRUSTED = {
     "contimpact.segments.arithmetic": {"exec"},
     "contimpact.segments.kernels": {"exec"},
     "contimpact.segments.compiling": {"ctypes"},
-    "contimpact.segments.machine_code": {"exec", "subprocess"},
+    "contimpact.segments.llvm_ir": {"exec"},
+    "contimpact.segments.machine_code": {"subprocess"},
 }
 """Modules that run what the package has written itself: kernels, and compiled code."""
 

@@ -47,7 +47,6 @@ HEAVY = (
     "matplotlib",
     "pandas",
     "scipy",
-    "numba",
     "llvmlite",
     "hypothesis",
     "flint",

@@ -13,7 +13,7 @@ import contimpact
 
 WITHOUT_EXTRAS = """
 import inspect, pydoc, sys
-sys.modules.update(dict.fromkeys(("flint", "heyoka", "numba", "pandas", "pyarrow", "mpi4py")))
+sys.modules.update(dict.fromkeys(("flint", "heyoka", "llvmlite", "pandas", "pyarrow", "mpi4py")))
 import contimpact
 from contimpact import *
 found = dict(inspect.getmembers(contimpact))

@@ -438,5 +438,5 @@ def manifest_text(
 def _modules() -> list[str]:
     """The package's modules that were imported, and the libraries among its dependencies."""
     own = [name for name in sys.modules if name.split(".")[0] == "contimpact"]
-    libraries = ("numpy", "scipy", "sympy", "mpmath", "matplotlib", "numba")
+    libraries = ("numpy", "scipy", "sympy", "mpmath", "matplotlib", "llvmlite")
     return sorted(own) + [name for name in libraries if name in sys.modules]

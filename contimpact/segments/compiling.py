@@ -1,10 +1,10 @@
 """The library of compiled programs: loaded from the cache, or compiled where that pays.
 
-Numba (the optional extra ``fast``) translates a `machine_code.Program` once. The machine code is
-kept in the cache; later processes load it without importing Numba.
+llvmlite (the optional extra ``fast``) compiles a `machine_code.Program` once. The machine code is
+kept in the cache; later processes load it without importing it.
 
 ``CONTIMPACT_COMPILED`` decides: ``auto`` (the default: compile where the work pays for it),
-``always`` (compile at once; Numba must be installed) or ``never``.
+``always`` (compile at once; llvmlite must be installed) or ``never``.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from .machine_code import Program
 
 MODES = ("auto", "always", "never")
-PAYS_AFTER = 1_000_000
+PAYS_AFTER = 40_000
 """Flights evaluated by plain Python in one process after which compiling pays: by then they have
 taken about as long as compiling does."""
 
@@ -46,8 +46,8 @@ def mode() -> str:
 
 
 def available() -> bool:
-    """Whether Numba is installed; it is not imported."""
-    return importlib.util.find_spec("numba") is not None
+    """Whether llvmlite is installed; it is not imported."""
+    return importlib.util.find_spec("llvmlite") is not None
 
 
 class CompiledProgram:
@@ -112,10 +112,10 @@ def load(
 def compiling_pays() -> bool:
     """Whether to compile programs that are not in the cache.
 
-    Raises InputError if the mode is ``always`` and Numba is not installed.
+    Raises InputError if the mode is ``always`` and llvmlite is not installed.
     """
     if mode() == "always" and not available():
-        found = "always, but Numba is not installed"
+        found = "always, but llvmlite is not installed"
         accepted = "install contimpact[fast], or say auto or never"
         raise InputError("CONTIMPACT_COMPILED", found, accepted)
     return mode() == "always" or (_SPENT[0] >= PAYS_AFTER and available())

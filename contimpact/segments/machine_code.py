@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import ast
-import contextlib
 import inspect
-import re
 import textwrap
 import types
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from ..arrays import ENTRY, INTEGERS, TABLE, VECTOR
 from ..storage.files import temporary_beside
+from .llvm_ir import intermediate_code
 
 # Programs: functions in the plain subset of Python with all they call, as one text.
 #
@@ -150,132 +148,22 @@ def object_code(program: Program, arguments: str) -> bytes:
     ----------
     arguments : str
         Kinds of the entry's arguments.
+
+    Raises NotImplementedError for a program outside the subset.
     """
     import llvmlite.binding as llvm
-    from numba import carray, cfunc, njit
-    from numba import types as nb
 
-    plain = njit(error_model="numpy", fastmath=False)
-    namespace: dict[str, Any] = {"compile": plain, "carray": carray}
-    pointers = {INTEGERS: (nb.int64, 1), VECTOR: (nb.float64, 1), TABLE: (nb.float64, 2)}
-    signature, names, views = [], [], []
-    for i, kind in enumerate(arguments):
-        number, dimensions = pointers[kind]
-        sizes = [f"n{i}_{d}" for d in range(dimensions)]
-        signature += [nb.CPointer(number), *[nb.int64] * dimensions]
-        names += [f"p{i}", *sizes]
-        views.append(f"carray(p{i}, ({', '.join(sizes)},))")
-    head, body = f"def _c_entry({', '.join(names)}):", f"return entry({', '.join(views)})"
-    text = f"{program.text}\n\n{head}\n    {body}\n"
-    exec(compile(text, "<contimpact program>", "exec"), namespace)
-    with _defer_optimisation():
-        entry = cfunc(nb.int64(*signature), error_model="numpy")(namespace["_c_entry"])
-    text = _self_contained(entry.inspect_llvm(), entry.native_name)
+    module = llvm.parse_assembly(intermediate_code(program.text, arguments))
+    module.verify()
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     cpu, features = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
     machine = llvm.Target.from_default_triple().create_target_machine(
         cpu=cpu, features=features, opt=3, reloc="pic", codemodel="default"
     )
-    module = llvm.parse_assembly(text)
-    module.verify()
-    _optimise(module, machine)
-    return bytes(machine.emit_object(module))
-
-
-@contextlib.contextmanager
-def _defer_optimisation() -> Iterator[None]:
-    """Let Numba leave functions as they are, one by one: the whole is optimised at the end.
-
-    That takes a third off the time of compiling. Numba's own compilers, which other functions of
-    the process have, are made before.
-    """
-    import llvmlite.binding as llvm
-    from numba.core import config as stated
-    from numba.core.registry import cpu_target
-
-    config: Any = stated
-    given = config.OPT
-    if not hasattr(llvm, "create_pass_builder") or not hasattr(cpu_target, "target_context"):
-        yield
-        return
-    config.OPT = type(given)(0)
-    try:
-        yield
-    finally:
-        config.OPT = given
-
-
-OF_THE_C_LIBRARY = frozenset(
-    """acos asin atan atan2 ceil copysign cos cosh exp fabs floor fmod log memcpy memset pow sin
-    sinh sqrt tan tanh""".split()
-)
-REPORTING = frozenset(
-    """NRT_Free NRT_MemInfo_call_dtor PyBytes_FromStringAndSize PyErr_Clear PyErr_SetNone
-    PyErr_SetString PyErr_WriteUnraisable PyUnicode_FromString Py_DecRef numba_do_raise
-    numba_gil_ensure numba_gil_release numba_runtime_build_excinfo_struct numba_unpickle""".split()
-)
-"""Functions that Numba calls only to report an exception and to clean up after it."""
-
-
-def _optimise(module: Any, machine: Any) -> None:
-    """Once more, without what Numba puts between the functions; older LLVMs do without."""
-    import llvmlite.binding as llvm
-
-    if not hasattr(llvm, "create_pass_builder"):
-        return
-    for function in module.functions:
-        if not function.is_declaration and function.name != ENTRY:
-            function.linkage = "internal"
     builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=3))
     builder.getModulePassManager().run(module, builder)
-
-
-COUNTING = re.compile(r"\s*(tail )?call void @NRT_(inc|dec)ref\(")
-"""Counts references to arrays, which are the caller's: there is nothing to count."""
-
-
-def _self_contained(text: str, entry: str) -> str:
-    """Make Numba's intermediate code independent of Numba's own library and of Python's.
-
-    What is called there only reports exceptions, which compiled programs do not raise: their
-    functions are written so that a failure is a value. Those calls are made to do nothing.
-
-    Raises NotImplementedError if anything else is called: a call that did nothing could be one that
-    computes.
-    """
-    text = re.sub(rf'@"?{re.escape(entry)}"?', f"@{ENTRY}", text)
-    lines = []
-    for line in text.splitlines():
-        if COUNTING.match(line):
-            continue
-        declared = re.match(r'declare (.*?)@"?([\w.$]+)"?\((.*?)\)', line)
-        known = declared and (declared[2].startswith("llvm.") or declared[2] in OF_THE_C_LIBRARY)
-        if declared and not known:
-            _require(declared[2] in REPORTING, declared[2])
-            line = _stub(declared[1], declared[2], declared[3])
-        outside = re.match(r'@"?([\w.$]+)"? = external (?:local_unnamed_addr )?global (\S+)', line)
-        if outside:
-            _require(outside[1].startswith("PyExc_"), outside[1])
-            line = f"@{outside[1]} = internal global {outside[2]} zeroinitializer"
-        lines.append(line)
-    return "\n".join(lines)
-
-
-def _require(known: bool, name: str) -> None:
-    if not known:
-        raise NotImplementedError(
-            f"Numba needs {name!r}, which contimpact does not know; another version of Numba may "
-            "not, and CONTIMPACT_COMPILED=never runs plainly"
-        )
-
-
-def _stub(kind: str, name: str, arguments: str) -> str:
-    """A function that does nothing."""
-    returned = kind.split()[-1]
-    kinds = [re.sub(r"( \w+(\(.*?\))?)+$", "", a.strip()) for a in arguments.split(",")]
-    result = {"void": "void", "ptr": "ptr null"}.get(returned, f"{returned} 0")
-    return f"define internal {returned} @{name}({', '.join(kinds)}) {{ ret {result} }}"
+    return bytes(machine.emit_object(module))
 
 
 def link(path: Path) -> bytes | None:

@@ -27,7 +27,6 @@ THREADS = (
     "BLIS_NUM_THREADS",
     "VECLIB_MAXIMUM_THREADS",
     "NUMEXPR_NUM_THREADS",
-    "NUMBA_NUM_THREADS",
 )
 """Environment variables that set the number of threads of linear algebra; several processes need
 one each."""

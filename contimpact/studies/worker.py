@@ -178,7 +178,7 @@ def versions() -> str:
     from importlib import metadata
 
     known = {"contimpact": __version__, "python": platform.python_version()}
-    for name in ("numpy", "scipy", "sympy", "numba"):
+    for name in ("numpy", "scipy", "sympy", "llvmlite"):
         with contextlib.suppress(metadata.PackageNotFoundError):
             known[name] = metadata.version(name)
     return json.dumps(known | {"machine": platform.machine()}, sort_keys=True)

@@ -29,8 +29,8 @@ MODEL = ImpactPair(beta=math.pi / 3, r=0.55, A=9.0, s=0.5)
 RANGES = ((0.8, 40.0), (0.05, 0.9))
 PAIRS = Kernels(MODEL, "A", "r")
 KINDS = ("FB", "PD", "G")
-needs_numba = pytest.mark.skipif(
-    importlib.util.find_spec("numba") is None, reason="the extra 'fast' is not installed"
+needs_llvmlite = pytest.mark.skipif(
+    importlib.util.find_spec("llvmlite") is None, reason="the extra 'fast' is not installed"
 )
 
 
@@ -108,7 +108,7 @@ def test_a_process_that_has_computed_much_else_compiles_no_short_curve(entries, 
     follow_curve(entries["G"], MODEL, "r", *RANGES, kernels=PAIRS)
 
 
-@needs_numba
+@needs_llvmlite
 @pytest.mark.parametrize(
     "kind", ["G", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("FB", "PD"))]
 )

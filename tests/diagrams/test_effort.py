@@ -35,9 +35,9 @@ FLIGHTS, LOCATED = 2, {"PD": 12, "G": 12}
 """Flights of the orbit; evaluations of flights that the location of an event in fixed steps takes:
 four of the orbit with two flights each, and as many of second derivatives or of the touch."""
 
-without_numba = importlib.util.find_spec("numba") is None
-needs_numba = pytest.mark.skipif(without_numba, reason="the extra 'fast' is not installed")
-COMPILED = needs_numba, pytest.mark.full
+without_llvmlite = importlib.util.find_spec("llvmlite") is None
+needs_llvmlite = pytest.mark.skipif(without_llvmlite, reason="the extra 'fast' is not installed")
+COMPILED = needs_llvmlite, pytest.mark.full
 
 
 KNOWN = {}

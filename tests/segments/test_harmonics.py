@@ -139,7 +139,7 @@ def test_derivatives_of_a_loop():
 
 @pytest.mark.slow
 def test_a_branch_with_many_harmonics_compiled_and_plain(monkeypatch):
-    pytest.importorskip("numba")
+    pytest.importorskip("llvmlite")
     found = {}
     for mode in ("never", "always"):
         monkeypatch.setenv("CONTIMPACT_COMPILED", mode)

@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 import pytest
-from program_text import run_as_texts
 from zoo import ROOT
 
 from contimpact import continue_orbit, find_orbits
@@ -20,8 +19,8 @@ from contimpact.systems.impact_damper import ImpactDamper
 from contimpact.systems.two_masses import TwoMasses
 from contimpact.systems.two_stops import TwoStops
 
-needs_numba = pytest.mark.skipif(
-    importlib.util.find_spec("numba") is None, reason="the extra 'fast' is not installed"
+needs_llvmlite = pytest.mark.skipif(
+    importlib.util.find_spec("llvmlite") is None, reason="the extra 'fast' is not installed"
 )
 EVENTS = ("FB", "BP", "PD", "NS", "G", "V", "T")
 
@@ -62,11 +61,6 @@ def test_a_flow_beyond_the_range_of_floats_has_no_value():
     assert np.all(np.isnan(flow_compiled(1, 1, 0, 1.0, space)))
 
 
-@pytest.fixture
-def as_text(monkeypatch):
-    return run_as_texts(monkeypatch)
-
-
 FAR = {"rattle", "coupled-by-impact"}
 """Whose first events lie far from where their branches begin."""
 
@@ -96,21 +90,7 @@ def same(one, other):
     assert one.ends == other.ends
 
 
-SLOWER = {"rattle", "three-masses"}
-
-
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=[pytest.mark.slow] if n in SLOWER else []) for n in CASES]
-)
-@pytest.mark.full
-def test_the_text_that_is_compiled_gives_the_same_branch(as_text, monkeypatch, name):
-    fast = branch(name, 3, 0.005)
-    assert as_text
-    monkeypatch.setenv("CONTIMPACT_COMPILED", "never")
-    same(branch(name, 3, 0.005), fast)
-
-
-@needs_numba
+@needs_llvmlite
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_compiled_branches_are_the_same(plain_and_compiled, name):
@@ -119,12 +99,11 @@ def test_compiled_branches_are_the_same(plain_and_compiled, name):
     same(plain, fast)
 
 
-@pytest.mark.parametrize("mode", ["never", "text"])
+@pytest.mark.parametrize("mode", ["never", pytest.param("always", marks=needs_llvmlite)])
 @pytest.mark.full
-def test_flights_too_stiff_to_be_followed_in_few_steps_are_judged(as_text, monkeypatch, mode):
+def test_flights_too_stiff_to_be_followed_in_few_steps_are_judged(kernel_cache, monkeypatch, mode):
     """With c2 = 400 a flight would take more steps than there is room for."""
-    if mode == "never":
-        monkeypatch.setenv("CONTIMPACT_COMPILED", "never")
+    monkeypatch.setenv("CONTIMPACT_COMPILED", mode)
     stiff = MASSES | {"c2": 400.0, "sigma_2": 100.0}
     model = TwoMasses(omega=0.8, r=0.8, **stiff)
     orbit = find_orbits(model, "A", parameter="omega")[0]

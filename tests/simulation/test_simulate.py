@@ -526,8 +526,8 @@ def turns_of_flights(flights, monkeypatch):
 
 # Compiled runs
 
-needs_numba = pytest.mark.skipif(
-    importlib.util.find_spec("numba") is None, reason="the extra 'fast' is not installed"
+needs_llvmlite = pytest.mark.skipif(
+    importlib.util.find_spec("llvmlite") is None, reason="the extra 'fast' is not installed"
 )
 COLUMNS = ("walls", "turns", "phases", "velocities", "released")
 MOTIONS = {"1:1": 0.389, "2:1": 0.3, "1:1/C": 0.3631}
@@ -561,7 +561,7 @@ def check_random_models(both, simulator_of, pair, seed, count, impacts, **option
     return met
 
 
-@needs_numba
+@needs_llvmlite
 @pytest.mark.parametrize("s", MOTIONS.values(), ids=MOTIONS)
 @pytest.mark.full
 def test_compiled_runs_are_the_same_to_the_last_bit(pair, simulator_of, plain_and_compiled, s):
@@ -573,7 +573,7 @@ def test_compiled_runs_are_the_same_to_the_last_bit(pair, simulator_of, plain_an
     ]
 
 
-@needs_numba
+@needs_llvmlite
 @pytest.mark.slow
 @pytest.mark.parametrize("s", MOTIONS.values(), ids=MOTIONS)
 def test_long_compiled_runs_are_the_same(pair, simulator_of, plain_and_compiled, s):
@@ -581,7 +581,7 @@ def test_long_compiled_runs_are_the_same(pair, simulator_of, plain_and_compiled,
     same_runs(*plain_and_compiled(lambda: simulator.run(State(0, 0.14, 0.686), impacts=100_000)))
 
 
-@needs_numba
+@needs_llvmlite
 def test_compiled_runs_of_random_models_are_the_same(pair, simulator_of, plain_and_compiled):
     """Restitution from 0 to 1, level and inclined, chatter, sticking, rest and flights given up."""
     met = check_random_models(plain_and_compiled, simulator_of, pair, 6, 60, 400)
@@ -589,7 +589,7 @@ def test_compiled_runs_of_random_models_are_the_same(pair, simulator_of, plain_a
     assert all(met[outcome] for outcome in (Outcome.DONE, Outcome.RESTING, Outcome.NO_IMPACT))
 
 
-@needs_numba
+@needs_llvmlite
 @pytest.mark.parametrize(
     ("forcing", "count"),
     [
@@ -609,7 +609,7 @@ def test_compiled_runs_with_two_restitutions_and_other_forcings(
     )
 
 
-@needs_numba
+@needs_llvmlite
 @pytest.mark.parametrize("kind", [{"impacts": 100}, {"periods": 60}, {"impacts": 50, "periods": 9}])
 def test_compiled_chunks_join(pair, simulator_of, plain_and_compiled, monkeypatch, kind):
     simulator, start = simulator_of(pair(s=0.3631)), State(0, 0.14, 0.686, turns=3)
@@ -624,7 +624,7 @@ def test_compiled_chunks_join(pair, simulator_of, plain_and_compiled, monkeypatc
     assert not any(len(run) for run in blind)
 
 
-@needs_numba
+@needs_llvmlite
 def test_a_run_may_go_on_compiled(pair, simulator_of, plain_and_compiled, monkeypatch):
     """It pays from the third chunk on."""
     simulator, start = simulator_of(pair(s=0.3631)), State(0, 0.14, 0.686)

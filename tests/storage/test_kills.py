@@ -208,6 +208,6 @@ def test_a_few_kills(undisturbed, tmp_path, kind):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", MANY)
 def test_a_hundred_kills(undisturbed, tmp_path, kind):
-    if kind == "compile" and importlib.util.find_spec("numba") is None:
+    if kind == "compile" and importlib.util.find_spec("llvmlite") is None:
         pytest.skip("the extra 'fast' is not installed")
     kill(kind, undisturbed, tmp_path, MANY[kind])

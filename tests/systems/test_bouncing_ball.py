@@ -14,8 +14,8 @@ from contimpact.simulation.simulator import Simulator
 from contimpact.systems.bouncing_ball import BouncingBall
 
 OMEGA, R, G = 50.0, 0.5, 9.8
-needs_numba = pytest.mark.skipif(
-    importlib.util.find_spec("numba") is None, reason="Numba is not installed"
+needs_llvmlite = pytest.mark.skipif(
+    importlib.util.find_spec("llvmlite") is None, reason="llvmlite is not installed"
 )
 
 
@@ -58,7 +58,7 @@ def test_fold_and_doubling(periods):
 
 
 @pytest.mark.slow  # a program is compiled
-@needs_numba
+@needs_llvmlite
 def test_compiled_code_gives_the_same_branch(plain_and_compiled):
     """To the last bit; the phase of the forcing's one harmonic is found in compiled code too."""
     orbit = find_orbits(ball(gamma=1.2), "1", parameter="a")[0]
