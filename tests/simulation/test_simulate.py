@@ -639,7 +639,7 @@ def test_a_run_may_go_on_compiled(pair, simulator_of, plain_and_compiled, monkey
     assert engine.plain == 1400
 
 
-@needs_numba
+@needs_llvmlite
 def test_motion_that_runs_away_ends_compiled_code_too(
     pair, simulator_of, plain_and_compiled, monkeypatch
 ):
