@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from .orbits.orbit import Orbit as Orbit
     from .page.notebook import view as view
     from .plots.attractors import plot_energy as plot_energy
+    from .plots.attractors import plot_manifold as plot_manifold
     from .plots.attractors import plot_sweep as plot_sweep
     from .plots.curves import plot_codim2 as plot_codim2
     from .plots.curves import plot_curves as plot_curves
@@ -60,6 +61,7 @@ if TYPE_CHECKING:
     from .simulation.energy import losses as losses
     from .simulation.files import load as load
     from .simulation.files import save as save
+    from .simulation.manifolds import grow_manifold as grow_manifold
     from .simulation.settle import settle as settle
     from .simulation.simulator import Simulator as Simulator
     from .simulation.sweep import sweep as sweep
@@ -151,6 +153,7 @@ _PLACES = {
     "settle": "simulation.settle",
     "sweep": "simulation.sweep",
     "find_transitions": "simulation.transitions",
+    "grow_manifold": "simulation.manifolds",
     "cover": "simulation.basins",
     "load_study": "studies.study_file",
     "read_study": "studies.study_file",
@@ -164,6 +167,7 @@ _PLACES = {
     "plot_sweep": "plots.attractors",
     "plot_transitions": "plots.curves",
     "plot_energy": "plots.attractors",
+    "plot_manifold": "plots.attractors",
 }
 
 __all__ = ["__version__", *_PLACES]

@@ -93,13 +93,13 @@ def plot(result: Any, *x: Any, **options: Any) -> Any:
 
     Parameters
     ----------
-    result : Branch, Orbit, Diagram, Curve, Entry, Sweep or Study
+    result : Branch, Orbit, Diagram, Curve, Entry, Sweep, Manifold or Study
     *x
         Of branches and diagrams the column on the x axis; of a study the quantity.
     **options
         Of the function that draws it: `plot_diagram` for branches and diagrams, `plot_orbit` for
-        orbits and events, `plot_curves`, `plot_sweep`; for a study, `quantity` and the options of
-        `Study.map`.
+        orbits and events, `plot_curves`, `plot_sweep`, `plot_manifold`; for a study, `quantity`
+        and the options of `Study.map`.
 
     Returns
     -------

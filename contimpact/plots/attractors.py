@@ -25,6 +25,7 @@ from ..results.quantities import branch_voltages, direction_text
 from ..simulation.attractor import Attractor, Kind
 from ..simulation.basins import Basins
 from ..simulation.energy import attractor_voltages
+from ..simulation.manifolds import Manifold
 from ..simulation.simulator import Simulator
 from ..simulation.sweep import Row, Simulators, Sweep, same_attractor
 from ..storage.files import Content, write_all
@@ -645,6 +646,42 @@ def plot_basins(found: Basins, ax: Any = None) -> Any:
     ax.set_title(f"{len(found.phases)} by {len(found.velocities)} starts", fontsize=8, loc="right")
     ax.set_xlabel("time of the first impact, $t/T$")
     ax.set_ylabel(f"velocity before it, on wall {found.wall}")
+    _legend(ax, handles)
+    return ax
+
+
+def plot_manifold(found: Manifold, ax: Any = None, *, wall: str | None = None) -> Any:
+    """Draw a manifold among the impacts on a wall, and the orbit's own: the unstable one solid, the
+    stable one dashed.
+
+    Parameters
+    ----------
+    ax : matplotlib.axes.Axes, optional
+        Where to draw, such as over basins or the other manifold; a new figure otherwise.
+    wall : str, optional
+        By default that of the orbit's first impact.
+    """
+    ax = ax or style.new_figure(6.4, 4.4).add_subplot()
+    orbit, period = found.orbit, found.grower.period
+    wall = orbit.word.walls[0] if wall is None else wall
+    orbit.model.guard(wall)
+    name = "stable" if found.stable else "unstable"
+    look: dict[str, Any] = {"color": SPOTS[int(found.stable)], "linewidth": 0.9, "zorder": 4}
+    look["linestyle"] = "--" if found.stable else "-"
+    label = plain_text(f"{name} manifold of {orbit.notation}")
+    for piece in (p for p in found.pieces if p.wall == wall):
+        turns = np.floor(piece.times / period)
+        breaks = np.nonzero(np.diff(turns))[0] + 1
+        phases = np.insert(piece.times / period - turns, breaks, np.nan)
+        ax.plot(phases, np.insert(piece.velocities, breaks, np.nan), label=label, **look)
+        label = "_"
+    here = [letter == wall for letter in orbit.word.walls]
+    mark = {"linestyle": "none", "marker": "X", "color": "k", "markersize": 5, "zorder": 5}
+    ax.plot(orbit.times[here] / period % 1.0, orbit.velocities[here], **mark)
+    ax.set_xlim(0.0, 1.0)
+    ax.set_xlabel("time of the impact, $t/T$")
+    ax.set_ylabel(f"velocity before it, on wall {wall}")
+    handles, _ = ax.get_legend_handles_labels()
     _legend(ax, handles)
     return ax
 

@@ -11,9 +11,10 @@ from ..orbits.orbit import Orbit
 from ..results.branch import Branch, Entry
 from ..results.curve import Curve
 from ..results.diagram import Diagram
+from ..simulation.manifolds import Manifold
 from ..simulation.sweep import Sweep
 from ..studies.study import Study
-from .attractors import plot_sweep
+from .attractors import plot_manifold, plot_sweep
 from .curves import plot_curves
 from .diagram import plot_diagram
 from .maps import plot_map
@@ -58,6 +59,11 @@ def _(result: Any, *x: Any, **options: Any) -> Any:
 @draw_result.register
 def _(result: Sweep, **options: Any) -> Any:
     return plot_sweep(result, **options)
+
+
+@draw_result.register
+def _(result: Manifold, *x: Any, **options: Any) -> Any:
+    return plot_manifold(result, *x, **options)
 
 
 @draw_result.register

@@ -169,6 +169,8 @@ class OneCoordinate:
         At low velocity; 1 where a guard leads to another mode.
     motions : tuple of Kernel
         After each wall.
+    zeros : list of float or None
+        Where in a period the acceleration changes sign; None if it depends on the state.
     body : Body
     """
 
@@ -187,7 +189,7 @@ class OneCoordinate:
         self._met = [neighbouring_guards(guards, kernels.passages, k) for k in range(len(guards))]
         self.motions = tuple(kernels.motion(wall.name) for wall in guards)
         self._motion = motion_at(self.motions, self.values)
-        self._zeros = time_zeros(kernels.harmonics(*self.values), period)
+        self.zeros = time_zeros(kernels.harmonics(*self.values), period)
         self._holds = tuple(self._hold(k) for k in range(len(guards)))
         self.restitution = tuple(
             coefficient(self._motion, k) if guard.rigid else 1.0 for k, guard in enumerate(guards)
@@ -212,7 +214,7 @@ class OneCoordinate:
         def rounding(phase: float) -> float:
             return rounding_along(kernel, (phase, 0.0), self.values)(0.0)
 
-        zeros = self._zeros
+        zeros = self.zeros
         if zeros is None:
             zeros = chebyshev_zeros(held, period, rounding=rounding)
         return hold_of(held, zeros, self.sides[wall], period)
@@ -225,7 +227,7 @@ class OneCoordinate:
         return Body(
             values=list(self.values),
             clock=[self.period],
-            zeros=self._zeros or [],
+            zeros=self.zeros or [],
             sides=list(self.sides),
             leaving=[int(side) for side in leaving],
             below=[below for below, _ in self._met],
@@ -265,7 +267,7 @@ class OneCoordinate:
     @property
     def _fly(self) -> Callable[..., Any]:
         """The flight as `make_impacts` calls it."""
-        if self._zeros is None:
+        if self.zeros is None:
             return FlightInState(self.motions, self._motion)
         return functools.partial(fly_in_time, self._motion)
 
@@ -279,7 +281,7 @@ class OneCoordinate:
         low, high = self._around(position)
         if not low <= 0.0 <= high:
             raise InputError("position", f"{position!r} is beyond a wall", "start within the walls")
-        if self._zeros is None:
+        if self.zeros is None:
             found = f"the acceleration of {self.model.SYSTEM} depends on the state"
             raise InputError("position", found, "start at a wall")
         turns = math.floor(time / self.period)
@@ -293,7 +295,7 @@ class OneCoordinate:
         toward = self.sides[0] * (1 if self.pressed(0, phase)[0] else -1)
         rising = velocity > 0.0 or (velocity == 0.0 and toward > 0)
         head, longest = (phase, velocity), self.longest
-        times = (self._zeros, phase, self.period, longest)
+        times = (self.zeros, phase, self.period, longest)
         side, dt, speed, _ = first_arrival(
             motion, head, self.values, *times, 0.0, rising, low, high
         )
@@ -347,4 +349,4 @@ class OneCoordinate:
     @functools.cached_property
     def _engine(self) -> Engine | None:
         """None if the acceleration depends on the state: compiled code does not find its zeros."""
-        return None if self._zeros is None else engine_of(self.motions)
+        return None if self.zeros is None else engine_of(self.motions)
