@@ -361,6 +361,5 @@ def draw_legend(ax: Any, handles: Sequence[Any]) -> None:
     room = 2.0 * min(frame.x0 + 0.5 * frame.width, room.width - frame.x0 - 0.5 * frame.width)
     for columns in range(max(2, int(frame.width / ax.figure.dpi)), 0, -1):
         legend = ax.legend(handles=list(handles), ncols=columns, frameon=False, **below, **sizes)
-        ax.figure.draw_without_rendering()
         if legend.get_window_extent().width <= room:
             break
