@@ -205,7 +205,8 @@ def test_records_become_what_they_were(results):
     for record in json.loads((results / "run" / "catalogue.json").read_text())["entries"]:
         entry = entry_of(record)
         written = json.loads(json_text(vars(entry)))
-        for name in ("certified_radius", "crisis", "sliding", "orbit_period"):  # written where they are
+        # Written where they are.
+        for name in ("certified_radius", "crisis", "sliding", "orbit_period"):
             assert written.pop(name) is None
         assert written == record
         assert build_record(Entry, vars(entry)).id == record["id"]
