@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import math
-from collections import Counter
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -14,7 +13,7 @@ from ..bifurcations.sliding import SlidingTouch
 from ..continuation.branch import Block
 from ..continuation.step import EVALUATIONS, Batch, Position, batch_of, columns, take_steps
 from ..orbits.problem import CyclicBlocks, Linearisation
-from ..segments.compiling import PAYS_AFTER, CompiledProgram, count_plain_flights, load, mode
+from ..segments.compiling import CompiledProgram, load, mode, timed_plainly
 from ..segments.kernels import Kernels
 from ..segments.layout import Blocks, Setup
 from ..segments.machine_code import Program
@@ -371,10 +370,6 @@ SINGULAR, TOUCHING = "singular", "touching"
 VARIANTS = {SingularCycle: SINGULAR, SlidingTouch: TOUCHING}
 """Equations that are compiled."""
 
-PLAIN: Counter[tuple[str, str]] = Counter()
-"""Flights evaluated plainly on the curves of each program. Those of two other parameters have
-another one, and a map has few curves."""
-
 ARGUMENTS = "ii" + "ffff" + "FFF" + "ffffff" + "FF"
 """Kinds of the entry's arguments: those of `CurveVectors`, then those of `StepVectors`."""
 
@@ -431,11 +426,10 @@ class CurveBackend:
             made = fast(*curve, *vectors)
         else:
             functions = self.evaluate, newton_step, tangent_of_curve, observe_curve
-            made = take_steps(*functions, curve, tuple(vectors))
+            with timed_plainly(self.program):
+                made = take_steps(*functions, curve, tuple(vectors))
         flights = int(vectors.state[EVALUATIONS]) * self.flights
         self.problem.orbit.kernel_evaluations += flights
-        count_plain_flights(0 if fast else flights)
-        PLAIN[self.program] += 0 if fast else flights
         return batch_of(position, self.problem, vectors, made, lambda rows: self.block(rows, n))
 
     @property
@@ -491,13 +485,12 @@ class CurveBackend:
 
             return program_of(kernels, variant)
 
-        worth = PLAIN[self.program] >= PAYS_AFTER
-        return load((*self.program, "curves"), ARGUMENTS, build, worth)
+        return load(self.program, ARGUMENTS, build)
 
     @property
-    def program(self) -> tuple[str, str]:
+    def program(self) -> tuple[str, ...]:
         """What tells its program from others."""
-        return self.problem.orbit.kernels.identity, self.variant
+        return self.problem.orbit.kernels.identity, self.variant, "curves"
 
 
 def backend_of(problem: CurveProblem) -> CurveBackend | SwitchingBackend | None:

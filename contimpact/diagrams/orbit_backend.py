@@ -25,9 +25,9 @@ from ..continuation.step import (
 )
 from ..orbits.block_cyclic import BLOCK, KEPT, POSITIONS
 from ..orbits.problem import OrbitProblem
-from ..segments.compiling import CompiledProgram, count_plain_flights, load, mode, note_uncompiled
+from ..segments.compiling import CompiledProgram, load, mode, note_uncompiled, timed_plainly
 from ..segments.flight import excursion_of, time_zeros
-from ..segments.layout import Family, Setup
+from ..segments.layout import Setup
 from ..segments.oscillation import MOST, ROW
 from .orbit_functions import (
     DESCRIBED,
@@ -54,13 +54,7 @@ V = TypeVar("V", "OrbitVectors", "ChainVectors")
 Functions: TypeAlias = tuple[Evaluate[V], Solve[V], TangentAt[V], Observe[V]]
 """Functions of a problem that `take_steps` calls: evaluate, solve, tangent_at and observe."""
 
-WORTH = 64
-"""Points asked for at once from which compiled code is looked for."""
-
 TOO_STIFF = "flights whose equations are not linear, or too stiff"
-
-LINEAR = 50
-"""A linear flight takes as long as so many of the impact pair, plainly."""
 
 
 class OrbitBackend(ABC, Generic[V]):
@@ -151,7 +145,7 @@ class OrbitBackend(ABC, Generic[V]):
 
     def advance(self, position: Position, most: int) -> Batch:
         """Take steps until one is proposed or refused, `most` at most."""
-        fast = self.compiled(most)
+        fast = self.compiled()
         if fast is None:
             return self.steps(position, most, None)
         self.arrays.clock[UNRESOLVED] = 0.0
@@ -170,22 +164,16 @@ class OrbitBackend(ABC, Generic[V]):
         if fast:
             made = fast(*self.arrays, *vectors)
         else:
-            made = take_steps(*self.functions, self.lists, tuple(vectors))
+            with timed_plainly(self.program):
+                made = take_steps(*self.functions, self.lists, tuple(vectors))
         flights = int(vectors.state[EVALUATIONS]) * self.count
         self.problem.kernel_evaluations += flights
-        count_plain_flights(0 if fast else flights * self.cost)
         return batch_of(position, self.problem, vectors, made, self.block)
 
     @property
     def recorded(self) -> int:
         """How many numbers ``observe`` records of a point."""
         return self.described + self.count * (self.walls + 1) + self.derived
-
-    @functools.cached_property
-    def cost(self) -> int:
-        """What a flight counts for, plainly."""
-        flight = self.problem.kernels.flight(*self.problem.kinds[0])
-        return LINEAR if flight.family is Family.LINEAR else 1
 
     @functools.cached_property
     def space(self) -> int:
@@ -202,15 +190,19 @@ class OrbitBackend(ABC, Generic[V]):
         """The branch as lists, for a plain run."""
         return self.vectors(LISTS)
 
-    def compiled(self, most: int) -> CompiledProgram | None:
-        """Compiled code, if it is in the cache or worth compiling, and the work is worth it."""
-        said = mode()
-        if said == "never" or (said == "auto" and most < WORTH):
+    @property
+    def program(self) -> tuple[str, ...]:
+        """What tells its program from others."""
+        return self.problem.kernels.identity, self.variant or ""
+
+    def compiled(self) -> CompiledProgram | None:
+        """Compiled code, if it is in the cache or worth compiling."""
+        if mode() == "never":
             return None
         if self.variant is None:
             note_uncompiled(self.obstacle)
             return None
-        return load((self.problem.kernels.identity, self.variant), self.ARGUMENTS, self.written)
+        return load(self.program, self.ARGUMENTS, self.written)
 
 
 # The backend for orbits with one degree of freedom: many steps at a time, plain or compiled.

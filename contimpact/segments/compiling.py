@@ -9,6 +9,7 @@ kept in the cache; later processes load it without importing it.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import importlib.util
@@ -16,7 +17,9 @@ import math
 import os
 import platform
 import sys
-from collections.abc import Callable, Sequence
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,9 +32,9 @@ if TYPE_CHECKING:
     from .machine_code import Program
 
 MODES = ("auto", "always", "never")
-PAYS_AFTER = 40_000
-"""Flights evaluated by plain Python in one process after which compiling pays: by then they have
-taken about as long as compiling does."""
+PAYS_AFTER = 1.0
+"""Seconds of processor time that plain Python has taken, in one process, for what a program does
+after which compiling it pays: it takes about as long."""
 
 
 def mode() -> str:
@@ -73,34 +76,36 @@ class CompiledProgram:
 
 
 def load(
-    identity: Sequence[str], arguments: str, build: Callable[[], Program], worth: bool = True
+    identity: tuple[str, ...], arguments: str, build: Callable[[], Program]
 ) -> CompiledProgram | None:
     """Load a program from the cache, or compile it if that pays.
 
     Parameters
     ----------
-    identity : sequence of str
+    identity : tuple of str
         What the program's text depends on besides the package's own files.
     arguments : str
         Kinds of the entry's arguments.
     build : callable
         Returns the program, whose entry is the function ``entry``.
-    worth : bool
-        Whether compiling this program is worth it, if compiling pays at all.
 
     Returns
     -------
     CompiledProgram or None
         None if it is not in the cache and compiling it does not (yet) pay.
     """
-    key = hashlib.sha256("\0".join((*identity, arguments, *_machine())).encode()).hexdigest()
+    key = (*identity, arguments)
     if key in _LOADED:
         return _LOADED[key]
-    folder, name = cache_folder(), f"compiled-{key[:24]}"
+    pays = compiling_pays(identity)
+    if key in _MISSING and not pays:
+        return None
+    digest = hashlib.sha256("\0".join((*key, *_machine())).encode()).hexdigest()
+    folder, name = cache_folder(), f"compiled-{digest[:24]}"
     found = None
     if folder is not None and key not in _MISSING:
         found = _load_cached(folder, name, arguments)
-    if found is None and compiling_pays() and (worth or mode() == "always"):
+    if found is None and pays:
         found = _compile_program(build, arguments, folder, name)
     if found is None:
         _MISSING.add(key)
@@ -109,8 +114,8 @@ def load(
     return found
 
 
-def compiling_pays() -> bool:
-    """Whether to compile programs that are not in the cache.
+def compiling_pays(identity: tuple[str, ...]) -> bool:
+    """Whether to compile a program that is not in the cache.
 
     Raises InputError if the mode is ``always`` and llvmlite is not installed.
     """
@@ -118,7 +123,7 @@ def compiling_pays() -> bool:
         found = "always, but llvmlite is not installed"
         accepted = "install contimpact[fast], or say auto or never"
         raise InputError("CONTIMPACT_COMPILED", found, accepted)
-    return mode() == "always" or (_SPENT[0] >= PAYS_AFTER and available())
+    return mode() == "always" or (_EXPECTED[0] + _SPENT[identity] >= PAYS_AFTER and available())
 
 
 def count_loaded() -> int:
@@ -138,12 +143,23 @@ def ran_plainly() -> list[str]:
     return list(_PLAINLY)
 
 
-def count_plain_flights(flights: int) -> None:
-    """Count flights that were evaluated by plain Python."""
-    _SPENT[0] += flights
+@contextlib.contextmanager
+def timed_plainly(identity: tuple[str, ...]) -> Iterator[None]:
+    """Count the processor time of what a compiled program would have done."""
+    began = time.thread_time()
+    try:
+        yield
+    finally:
+        _SPENT[identity] += time.thread_time() - began
 
 
-_SPENT = [0.0]
+def expect_plain_time(seconds: float) -> None:
+    """Count what plain Python would yet take, for every program."""
+    _EXPECTED[0] += seconds
+
+
+_SPENT: defaultdict[tuple[str, ...], float] = defaultdict(float)
+_EXPECTED = [0.0]
 _PLAINLY: dict[str, None] = {}
 
 
@@ -152,7 +168,6 @@ def _compile_program(
 ) -> CompiledProgram | None:
     """Compile a program, and store its machine code in the cache if that can be written."""
     import tempfile
-    import time
 
     from .machine_code import object_code
 
@@ -165,7 +180,7 @@ def _compile_program(
             raise
         why = "nothing is compiled in this process: %s: %s"
         logger(__name__).warning(why, type(error).__name__, error)
-        _SPENT[0] = -math.inf
+        _EXPECTED[0] = -math.inf
         return None
     logger(__name__).info("compiled %s in %.1f s", name, time.perf_counter() - began)
     if folder is not None:
@@ -180,8 +195,8 @@ def _compile_program(
         return _load_cached(Path(place), name, arguments)
 
 
-_LOADED: dict[str, CompiledProgram] = {}
-_MISSING: set[str] = set()
+_LOADED: dict[tuple[str, ...], CompiledProgram] = {}
+_MISSING: set[tuple[str, ...]] = set()
 
 
 @functools.cache

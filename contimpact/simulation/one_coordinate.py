@@ -18,7 +18,7 @@ from ..arrays import INTEGERS, VECTOR, Array
 from ..errors import InputError
 from ..models.model import Model
 from ..segments.arithmetic import ARRAYS, Kernel, evaluate_in
-from ..segments.compiling import CompiledProgram, count_plain_flights, load, mode
+from ..segments.compiling import CompiledProgram, load, mode, timed_plainly
 from ..segments.flight import chebyshev_zeros, first_arrival, rounding_along, time_zeros
 from ..segments.kernels import Kernels
 from ..segments.segment import neighbouring_guards
@@ -44,8 +44,6 @@ if TYPE_CHECKING:
 
 WORTH = 2000
 """Impacts, in one run or made so far by plain Python, from which compiled code is worth loading."""
-PRICE = 3
-"""Evaluations of a flight that one impact in plain Python counts for."""
 
 BODY = VECTOR * 3 + INTEGERS * 4 + VECTOR * 5 + INTEGERS * 3
 """Kinds of a body's fields."""
@@ -90,6 +88,7 @@ class Engine:
 
     def __init__(self, motions: Sequence[Kernel]) -> None:
         self.motions = motions
+        self.identity = ("simulate", *formulas(motions))
         self.found: CompiledProgram | None = None
         self.plain = 0
 
@@ -106,14 +105,8 @@ class Engine:
             return None
         if self.found is None and (chosen == "always" or asked + self.plain >= WORTH):
             self.plain = 0
-            identity = ("simulate", *formulas(self.motions))
-            self.found = load(identity, ARGUMENTS, lambda: program_of(self.motions))
+            self.found = load(self.identity, ARGUMENTS, lambda: program_of(self.motions))
         return self.found
-
-    def count_plain(self, impacts: int) -> None:
-        """Count impacts that were made by plain Python."""
-        self.plain += impacts
-        count_plain_flights(PRICE * impacts)
 
 
 _ENGINES: dict[tuple[str, ...], Engine] = {}
@@ -339,10 +332,11 @@ class OneCoordinate:
             at, when = array(at, INTEGERS), array(when, VECTOR)
             count = fast(*self._arrays, at, when, *columns, array(span, INTEGERS))
         else:
-            given = (at, when, *columns, span)
-            count = make_impacts(self._fly, self._motion, self.body, *given)
+            with timed_plainly(self._engine.identity if self._engine else ()):
+                given = (at, when, *columns, span)
+                count = make_impacts(self._fly, self._motion, self.body, *given)
             if self._engine:
-                self._engine.count_plain(count)
+                self._engine.plain += count
         end = State(int(at[0]), float(when[0]), float(when[1]), int(at[1]))
         return end, _OUTCOMES[at[2]], count, [column[:count] for column in columns]
 

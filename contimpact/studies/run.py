@@ -35,9 +35,10 @@ FEW = 24
 FOR_EACH = 4
 AHEAD = 2
 """Scenes given to each worker at once, so that none waits for the store."""
-FLIGHTS = 20_000
-"""Flights of a scene, roughly, by which it is decided whether compiling pays."""
-COMPILING = 900.0
+PLAINLY = 0.1
+"""Seconds that plain Python takes for the steps of a scene, roughly, by which it is decided whether
+compiling pays."""
+COMPILING = 60.0
 """Seconds that a first scene may take beyond its budget, on a busy machine."""
 FIRST = 5
 """Scenes that are computed alone, at most, until one has left kernels and compiled code."""
@@ -234,9 +235,9 @@ class _Computation:
 
     def task(self, place: int) -> Task:
         scene = self.study.scene_at(self.values[place], int(self.numbers[place]))
-        budget, expected = self.study.budget, 0
+        budget, expected = self.study.budget, 0.0
         if not self.ready:
-            budget, expected = budget and budget + COMPILING, FLIGHTS * len(self.waiting)
+            budget, expected = budget and budget + COMPILING, PLAINLY * len(self.waiting)
         return Task(scene, self.study.keep, self.derived, budget, self.workshop.own, expected)
 
     def keep(self, future: Future[Outcome]) -> None:

@@ -24,7 +24,7 @@ from ..diagrams.explore import follow
 from ..errors import InputError
 from ..progress import Progress, ignore_progress
 from ..results.scene import Scene, read_scene
-from ..segments.compiling import count_plain_flights
+from ..segments.compiling import expect_plain_time
 from .outcome import Outcome, Rows, diagram_rows, failure, simulation_rows
 
 # A scene's budget of time: what ends a scene that hangs.
@@ -121,14 +121,14 @@ class Task:
     """Seconds."""
     fatal: bool = False
     """Whether the process may be ended if the scene hangs outside Python."""
-    expected: int = 0
-    """Flights that the study will evaluate, by which it is decided whether compiling pays."""
+    expected: float = 0.0
+    """Seconds that the study would take plainly, by which it is decided whether compiling pays."""
 
 
 def compute(task: Task) -> Outcome:
     """Compute a scene; whatever fails is part of the outcome."""
     began = time.perf_counter()
-    count_plain_flights(task.expected)
+    expect_plain_time(task.expected)
 
     def ended(status: str, rows: Rows, **counts: int) -> Outcome:
         return Outcome(status, time.perf_counter() - began, versions(), rows, **counts)

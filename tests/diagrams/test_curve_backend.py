@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
+from collections import defaultdict
 
 import numpy as np
 import pytest
@@ -103,7 +104,7 @@ def test_what_is_left_to_dense_linear_algebra():
 
 def test_a_process_that_has_computed_much_else_compiles_no_short_curve(entries, monkeypatch):
     monkeypatch.setenv("CONTIMPACT_COMPILED", "auto")
-    monkeypatch.setattr(compiling, "_SPENT", [1e9])
+    monkeypatch.setattr(compiling, "_SPENT", defaultdict(float, {("another",): 1e9}))
     monkeypatch.setattr(compiling, "_compile_program", lambda *given: pytest.fail("it compiles"))
     follow_curve(entries["G"], MODEL, "r", *RANGES, kernels=PAIRS)
 

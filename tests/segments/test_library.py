@@ -9,6 +9,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections import defaultdict
 
 import numpy as np
 import pytest
@@ -254,27 +255,31 @@ def test_always_without_llvmlite_says_what_to_install(monkeypatch, tmp_path):
     monkeypatch.setattr(module, "_MISSING", set())
     monkeypatch.setattr(module, "available", lambda: False)
     with pytest.raises(InputError, match=r"install contimpact\[fast\]"):
-        backend_of(problem_of(), ()).compiled(10)
+        backend_of(problem_of(), ()).compiled()
 
 
 def test_compiling_waits_until_it_pays(monkeypatch):
     monkeypatch.setenv("CONTIMPACT_COMPILED", "auto")
-    monkeypatch.setattr(module, "_SPENT", [0.0])
+    monkeypatch.setattr(module, "_SPENT", defaultdict(float))
+    monkeypatch.setattr(module, "_EXPECTED", [0.0])
     monkeypatch.setattr(module, "available", lambda: True)
-    assert not module.compiling_pays()
-    module.count_plain_flights(module.PAYS_AFTER)
-    assert module.compiling_pays()
+    assert not module.compiling_pays(("one",))
+    module._SPENT["one",] += module.PAYS_AFTER
+    assert module.compiling_pays(("one",))
+    assert not module.compiling_pays(("another",))
+    module.expect_plain_time(module.PAYS_AFTER)
+    assert module.compiling_pays(("another",))
     monkeypatch.setattr(module, "available", lambda: False)
-    assert not module.compiling_pays()
+    assert not module.compiling_pays(("one",))
 
 
-def test_flights_evaluated_plainly_are_counted(monkeypatch):
+def test_the_time_of_plain_steps_is_counted_for_their_program(monkeypatch):
     monkeypatch.setenv("CONTIMPACT_COMPILED", "never")
-    monkeypatch.setattr(module, "_SPENT", [0])
+    monkeypatch.setattr(module, "_SPENT", defaultdict(float))
+    backend = backend_of(problem_of(), ())
     model = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.34)
-    found = walks(model, "BT", "s", (0.08, 1.05), events=())
-    points = sum(len(walk.points) for walk in found)
-    assert 2 * points < module._SPENT[0] <= 16 * points
+    walks(model, "BT", "s", (0.08, 1.05), events=())
+    assert module._SPENT[backend.program] > 0.0
 
 
 # The cache
@@ -301,7 +306,7 @@ def run_with(cache, mode):
 @pytest.mark.full
 def test_a_later_process_loads_compiled_code_without_llvmlite(plain_and_compiled, cache):
     problem = problem_of()
-    plain_and_compiled(lambda: backend_of(problem, ()).compiled(1))
+    plain_and_compiled(lambda: backend_of(problem, ()).compiled())
     run_with(cache, "always")  # kernels and programs are there now
     assert run_with(cache, "always")[1:] == []
     assert run_with(cache, "auto")[1:] == []
@@ -310,7 +315,7 @@ def test_a_later_process_loads_compiled_code_without_llvmlite(plain_and_compiled
 @needs_llvmlite
 def test_without_a_linker_machine_code_is_loaded_through_llvm(plain_and_compiled, monkeypatch):
     problem = problem_of()
-    plain_and_compiled(lambda: backend_of(problem, ()).compiled(1))
+    plain_and_compiled(lambda: backend_of(problem, ()).compiled())
     intact = module._is_intact
     monkeypatch.setattr(module, "_LOADED", {})
     monkeypatch.setattr(module, "_is_intact", lambda path: path.suffix == ".o" and intact(path))
@@ -324,7 +329,7 @@ def test_without_a_linker_machine_code_is_loaded_through_llvm(plain_and_compiled
 def copied(plain_and_compiled, cache, tmp_path, monkeypatch):
     """A copy of the cache for one test, with compiled code that no other test has loaded."""
     problem = problem_of()
-    plain_and_compiled(lambda: backend_of(problem, ()).compiled(1))
+    plain_and_compiled(lambda: backend_of(problem, ()).compiled())
     folder = tmp_path / "cache"
     shutil.copytree(cache, folder)
     monkeypatch.setenv("CONTIMPACT_CACHE", str(folder))
@@ -339,7 +344,7 @@ def run_again(plain_and_compiled):
     plain, fast = plain_and_compiled(lambda: walks(model, "BT", "s", (0.3, 0.4)))
     for one, other in zip(plain, fast, strict=True):
         same(one, other)
-    assert backend_of(problem_of(), ()).compiled(1) is not None
+    assert backend_of(problem_of(), ()).compiled() is not None
 
 
 def libraries(folder):
@@ -393,7 +398,7 @@ def test_a_cache_that_cannot_be_written(copied, plain_and_compiled, monkeypatch,
     monkeypatch.setattr(module, "store_file", refuse)
     monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
     with caplog.at_level(logging.WARNING):
-        assert backend_of(problem_of(), ()).compiled(1) is not None
+        assert backend_of(problem_of(), ()).compiled() is not None
     assert "not cached: read-only" in caplog.text
     assert not list(copied.glob("compiled-*"))
 
@@ -404,14 +409,14 @@ def test_what_cannot_be_compiled_runs_plainly_on(empty_cache, monkeypatch, caplo
 
     monkeypatch.setattr("contimpact.segments.machine_code.object_code", fail)
     monkeypatch.setenv("CONTIMPACT_COMPILED", "auto")
-    module.count_plain_flights(module.PAYS_AFTER)
+    module.expect_plain_time(module.PAYS_AFTER)
     with caplog.at_level(logging.WARNING):
-        assert backend_of(problem_of(), ()).compiled(1000) is None
+        assert backend_of(problem_of(), ()).compiled() is None
     assert "RuntimeError: this LLVM does not know how" in caplog.text
-    assert not module.compiling_pays()  # not tried again
+    assert not module.compiling_pays(("any",))  # not tried again
     monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
     with pytest.raises(RuntimeError, match="does not know how"):
-        backend_of(problem_of(), ()).compiled(1)
+        backend_of(problem_of(), ()).compiled()
 
 
 @pytest.fixture
@@ -420,7 +425,8 @@ def empty_cache(tmp_path, monkeypatch):
     monkeypatch.setenv("CONTIMPACT_CACHE", str(tmp_path / "empty"))
     monkeypatch.setattr(module, "_LOADED", {})
     monkeypatch.setattr(module, "_MISSING", set())
-    monkeypatch.setattr(module, "_SPENT", [0.0])
+    monkeypatch.setattr(module, "_SPENT", defaultdict(float))
+    monkeypatch.setattr(module, "_EXPECTED", [0.0])
     monkeypatch.setattr(module, "available", lambda: True)
 
 
@@ -450,7 +456,7 @@ def test_a_program_holds_all_it_calls():
 @pytest.mark.parametrize("said", ["auto", "always"])
 def test_what_is_not_in_the_subset_ends_compiling_alone(said, monkeypatch, tmp_path, caplog):
     monkeypatch.setenv("CONTIMPACT_COMPILED", said)
-    monkeypatch.setattr(module, "_SPENT", [1e9])
+    monkeypatch.setattr(module, "_EXPECTED", [1e9])
     program = Program({})
     program.glue("def entry(x):\n    if x[0] == 0.0:\n        raise ValueError\n    return 1")
     if said == "always":
