@@ -651,15 +651,27 @@ def plot_basins(found: Basins, ax: Any = None) -> Any:
 
 
 def plot_manifold(found: Manifold, ax: Any = None, *, wall: str | None = None) -> Any:
-    """Draw a manifold among the impacts on a wall, and the orbit's own: the unstable one solid, the
-    stable one dashed.
+    """Draw a manifold, and its orbit, among the impacts on a wall.
+
+    An unstable manifold is solid, a stable one dashed.
 
     Parameters
     ----------
+    found : Manifold
+        As `grow_manifold` returns it.
     ax : matplotlib.axes.Axes, optional
         Where to draw, such as over basins or the other manifold; a new figure otherwise.
     wall : str, optional
         By default that of the orbit's first impact.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    InputError
+        For a wall that the system does not have.
     """
     ax = ax or style.new_figure(6.4, 4.4).add_subplot()
     orbit, period = found.orbit, found.grower.period
