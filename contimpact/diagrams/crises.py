@@ -221,7 +221,7 @@ def locate_crisis(
     simulator = Simulator(orbit.model, orbit.problem.kernels)
     if not _saddle(orbit):
         accepted = "give a physical orbit with one multiplier above 1, and the others below"
-        raise InputError("orbit", repr(orbit), accepted)
+        raise InputError("orbit", repr(orbit).partition("\n")[0], accepted)
     attractor = settle(simulator, start) if start else _beside(simulator, orbit)
     if attractor is None or attractor.kind is not Kind.COMPLEX or attractor.state is None:
         settled = attractor.notation if attractor else "periodic motion on both sides"

@@ -676,7 +676,7 @@ def plot_manifold(found: Manifold, ax: Any = None, *, wall: str | None = None) -
     ax = ax or style.new_figure(6.4, 4.4).add_subplot()
     orbit, period = found.orbit, found.grower.period
     wall = orbit.word.walls[0] if wall is None else wall
-    orbit.model.guard(wall)
+    found.require_wall(wall)
     name = "stable" if found.stable else "unstable"
     look: dict[str, Any] = {"color": SPOTS[int(found.stable)], "linewidth": 0.9, "zorder": 4}
     look["linestyle"] = "--" if found.stable else "-"

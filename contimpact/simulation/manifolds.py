@@ -29,6 +29,8 @@ from ..arrays import Array
 from ..display import NotebookResult, Summary
 from ..errors import InputError
 from ..orbits.orbit import Orbit
+from ..results.branch import Entry
+from ..results.entry_conversion import to_orbit
 from ..segments.arithmetic import ARRAYS, evaluate_in
 from ..segments.flight import chebyshev_zeros, first_arrival, rounding_along
 from ..segments.layout import Family
@@ -110,6 +112,7 @@ class Manifold(NotebookResult):
 
         Beside the points nearest to the impact the curve is computed anew.
         """
+        self.require_wall(wall)
         found: list[tuple[float, int, Piece]] = []
         for piece in (p for p in self.pieces if p.wall == wall):
             apart = np.array([math.remainder(time - t, self.grower.period) for t in piece.times])
@@ -149,6 +152,12 @@ class Manifold(NotebookResult):
             found.append(float(np.hypot(*(here + part * chord))))
         return min(found)
 
+    def require_wall(self, wall: str) -> None:
+        """Raise `InputError` for a wall that the system does not have."""
+        letters = self.orbit.model.letters
+        if wall not in letters:
+            raise InputError("wall", f"no wall {wall!r}", f"the walls are {letters}")
+
     def summary(self) -> Summary:
         """Return its pieces in short."""
         rows = [(p.wall, p.impact, f"{p.side:+d}", len(p), p.length) for p in self.pieces]
@@ -163,13 +172,13 @@ class Manifold(NotebookResult):
 
 
 def grow_manifold(
-    orbit: Orbit, *, stable: bool = False, length: float = 5.0, spacing: float | None = None
+    orbit: Orbit | Entry, *, stable: bool = False, length: float = 5.0, spacing: float | None = None
 ) -> Manifold:
     """Grow the stable or the unstable manifold of an orbit.
 
     Parameters
     ----------
-    orbit : Orbit
+    orbit : Orbit or Entry
         Physical, with one multiplier outside the unit circle and one inside.
     stable : bool
         Whether the stable manifold is grown; by default the unstable one.
@@ -193,11 +202,12 @@ def grow_manifold(
         not a saddle, a length or spacing that is not positive, or a stable manifold where impacts
         or flights cannot be inverted.
     """
-    spacing = SPACING * length if spacing is None else spacing
-    for name, value in (("length", length), ("spacing", spacing)):
-        if not 0.0 < value < math.inf:
+    for name, value in (("length", length), ("spacing", 1.0 if spacing is None else spacing)):
+        if not (isinstance(value, int | float) and 0.0 < value < math.inf):
             raise InputError(name, f"found {value!r}", "give a number > 0")
-    grower = Grower(orbit, stable)
+    spacing = SPACING * length if spacing is None else spacing
+    grower = Grower(to_orbit(orbit), stable)
+    orbit = grower.orbit
     pieces, shortfalls = list[Piece](), list[str]()
     for impact in range(len(orbit.word)):
         for side in (1, -1):
@@ -235,7 +245,7 @@ class Grower:
             accepted = (
                 "give a physical orbit with one multiplier outside the unit circle, one inside"
             )
-            raise InputError("orbit", repr(orbit), accepted)
+            raise InputError("orbit", repr(orbit).partition("\n")[0], accepted)
         self.machine, self.period = simulator.machine, simulator.period
         self.multiplier = float((small if stable else large).real)
         self._first = simulator.letters.index(orbit.word.walls[0])

@@ -177,9 +177,13 @@ def test_the_end_of_a_curve_is_reported():
 
 def test_refusals():
     orbit = saddle()
-    for given in ({"length": 0.0}, {"spacing": math.nan}):
+    for given in ({"length": 0.0}, {"spacing": math.nan}, {"length": "3"}):
         with pytest.raises(InputError, match=next(iter(given))):
             grow_manifold(orbit, **given)
     stable = next(o for o in find_orbits(orbit.model, "2:1", parameter="s") if o.stable)
     with pytest.raises(InputError, match="outside the unit circle"):
         grow_manifold(stable)
+    with pytest.raises(InputError, match="no wall 'X'; the walls are"):
+        grow_manifold(orbit, length=0.1).distance("X", 0.0, 0.0)
+    with pytest.raises(InputError, match="give an orbit of find_orbits"):
+        grow_manifold("2:1")
