@@ -249,6 +249,11 @@ class G(Kind):
         start = null_vector_start(longer, unknowns)
         return start if start is None or _new_speed(event, start) >= 0.0 else start.reversed()
 
+    def continues(self, event: OrbitEvent) -> bool:
+        """A touch of a soft stop becomes a contact."""
+        model = event.point.evaluation.problem.model
+        return not model.guard(event.details["wall"]).rigid
+
     def next_word(self, event: OrbitEvent) -> Word | None:
         begun = onset_of(event.point.evaluation.problem, event.details)
         if begun is not None:

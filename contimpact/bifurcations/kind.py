@@ -245,6 +245,10 @@ class Kind(ABC):
         itself continues on another word; None where nothing can start."""
         return 1
 
+    def continues(self, event: OrbitEvent) -> bool:
+        """Whether the motion itself continues on the branch that starts there."""
+        return self.deeper(event) == 0
+
     def nothing(self, event: OrbitEvent) -> str:
         """Return why nothing starts there."""
         return "nothing starts there"

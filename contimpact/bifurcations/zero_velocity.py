@@ -170,6 +170,11 @@ class V(Kind):
         shorter = _remove_impact(here, event.details)
         return None if shorter is None else null_vector_start(*shorter)
 
+    def continues(self, event: OrbitEvent) -> bool:
+        """A soft contact that vanishes leaves the motion without it."""
+        contacts = event.point.evaluation.problem.excursions
+        return event.details["impact"] in contacts and "flight" not in event.details
+
     def next_word(self, event: OrbitEvent) -> Word | None:
         shorter = _remove_impact(event.point.evaluation, event.details)
         return None if shorter is None else shorter[0].word

@@ -496,19 +496,24 @@ class _Explorer:
             raise KeyboardInterrupt
 
     def queue(self, event: Event[Linearisation], entry: Entry, depth: int) -> None:
-        """Queue what starts at an event: a branch born there, one switch deeper; where the motion
-        itself continues on another word, that is no switch, and only physical motions are."""
+        """Queue what starts at an event: a branch born there, one switch deeper; where impacts
+        exchange their order, that is no switch, and only physical motions are followed. What is
+        not asked for is remembered where the motion itself continues on another word."""
         asked = event.kind in self.scene.switch
         if not (self.scene.unphysical or entry.physical):
             if asked and kind_of(event.kind).deeper(event) is not None:
                 self.leave_out(NOT_SWITCHED, _entry_text(entry))
             return
-        deeper = kind_of(event.kind).deeper(event) if asked or entry.physical else None
-        if deeper == 0 and entry.physical:
-            (self.waiting if asked else self.left).append(Birth(event, entry, depth))
-        elif deeper and asked and depth < self.scene.depth:
+        kind = kind_of(event.kind)
+        deeper = kind.deeper(event) if asked else None
+        if not asked:
+            if entry.physical and entry.becomes and kind.continues(event):
+                self.left.append(Birth(event, entry, depth))
+        elif deeper == 0 and entry.physical:
+            self.waiting.append(Birth(event, entry, depth))
+        elif deeper and depth < self.scene.depth:
             self.waiting.append(Birth(event, entry, depth + deeper))
-        elif deeper and asked:
+        elif deeper:
             self.limits.reached("follow.depth", self.scene.depth, NOT_SWITCHED, _entry_text(entry))
 
     def throughout(self, word: Word) -> bool:

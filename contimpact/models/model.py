@@ -680,7 +680,12 @@ class Model(ABC):
     def require(self, name: str, where: str) -> Parameter:
         """Return the declaration of a parameter, or raise `InputError`."""
         if name not in self._declared:
-            found = f"{self.SYSTEM} has no parameter {name!r}{did_you_mean(name, self._declared)}"
+            hint = did_you_mean(name, self._declared)
+            if name in self.DERIVED:
+                hint = (
+                    f": it is derived from {', '.join(self.DERIVED_FROM.get(name, self._declared))}"
+                )
+            found = f"{self.SYSTEM} has no parameter {name!r}{hint}"
             raise InputError(where, found, f"it has {', '.join(self._declared)}")
         return self._declared[name]
 

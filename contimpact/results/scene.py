@@ -501,9 +501,6 @@ def read_scene(given: Mapping[str, Any], systems: Mapping[str, type[Model]] | No
     model = read_model(top.table("model"), systems)
     follow = top.table("follow")
     parameter = follow.text("parameter")
-    if parameter in model.DERIVED:
-        found = f"{parameter} is derived from other parameters"
-        raise InputError("follow.parameter", found, f"follow one of {', '.join(model.values)}")
     declared = model.require(parameter, "follow.parameter")
     low, high = (declared.check(v, "follow.range") for v in follow.pair("range"))
     start = model.values[parameter]

@@ -132,6 +132,32 @@ def test_a_scene_that_does_not_switch_at_it_is_told_what_is_left(diagram):
     )
 
 
+@pytest.mark.parametrize(
+    ("kind", "words", "beyond"), [("V", ["CR"], "0"), ("G", ["0"], "CR")], ids=["V", "G"]
+)
+def test_a_motion_that_begins_or_ceases_to_touch_a_soft_stop_continues(kind, words, beyond):
+    """Grazing at a cos(omega t)/(k - omega^2) = e, undamped: omega = sqrt(k + a/e) = sqrt(3)."""
+    values = {"a": 1.0, "omega": 1.7, "c": 0.0, "k": 1.0, "e": 0.5, "k_b": 0.2, "c_b": 0.0}
+    given = {
+        "name": "soft",
+        "model": {"system": "soft-stop", "parameters": values},
+        "follow": {"parameter": "omega", "range": [1.69, 1.76], "orbits": words},
+        "numerics": {"starts": 16},
+    }
+    follow_table = given["follow"]
+    if kind == "G":
+        values["omega"] = 1.75
+    (note,) = (n for n in follow(read_scene(given)).statistics["notes"] if "continues" in n)
+    assert note.endswith(
+        f"the motion continues as {beyond}, which was not followed: add {kind} to follow.switch"
+    )
+    follow_table["switch"] = [kind]
+    found = follow(read_scene(given))
+    assert not any("continues" in n for n in found.statistics["notes"])
+    (event,) = (e for e in found.entries if e.kind == kind and e.opens and e.physical)
+    assert event.value == pytest.approx(math.sqrt(3.0), abs=1e-9)
+
+
 @pytest.mark.full
 def test_it_is_no_switch_and_counts_for_no_depth():
     walls = [("A", 1, "<=", E1), ("B", 2, "<=", E2)]

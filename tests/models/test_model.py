@@ -317,3 +317,9 @@ def test_derived_parameters_depend_on_what_is_declared(pair):
 def test_units(pair, oscillator):
     assert [pair().unit(name) for name in ("s", "d", "q")] == ["m", "dimensionless", ""]
     assert oscillator().unit("a") == ""
+
+
+def test_a_derived_parameter_is_refused_with_those_it_is_derived_from():
+    model = ImpactPair(beta=0.5, r=0.3, A=5.0, s=0.5)
+    with pytest.raises(InputError, match="'d': it is derived from A, s, M, omega; it has"):
+        model.replace(d=0.2)
