@@ -171,7 +171,7 @@ class Examination:
                     if not one.passes(patch.wall, patch.along)
                 )
                 if next(found, None) is not None:
-                    left.append(f"touches of flight {flight} are not excluded")
+                    left.append(f"touches of flight {flight + 1} are not excluded")
             left += [_limit_text(one) for one in self.limits]
         if not left:
             self.found.tubes.append((birth.segment, birth))
@@ -256,7 +256,7 @@ class Examination:
             if patch.single and len(inside) == 1:
                 events += inside
             elif not along.passes(patch.wall, patch.along):
-                where = f"of flight {along.flight} and wall {patch.wall}"
+                where = f"of flight {along.flight + 1} and wall {patch.wall}"
                 if patch.single and not own and self._exists(along, patch):
                     missing.append(f"a touch {where}")
                 else:
@@ -287,7 +287,7 @@ class Examination:
 
 
 def _limit_text(limit: Limit) -> str:
-    return f"it is not excluded that impact {limit.impact} comes to the limit {limit.wall}"
+    return f"it is not excluded that impact {limit.impact + 1} comes to the limit {limit.wall}"
 
 
 def _clear_of_zeros(birth: Birth, function: Test) -> bool:

@@ -390,7 +390,7 @@ class Orbit:
             return self.space.flights(self.z)
         lasting = [k for k in remains.brief if not self._vanishing(k)]
         if lasting:
-            raise ValueError(f"flight {lasting[0]} is not proven to take no time")
+            raise ValueError(f"flight {lasting[0] + 1} is not proven to take no time")
         if not remains.word.walls:
             return [self._quiet_flight(remains.dropped)]
         shorter = OrbitProblem(problem.model, remains.word, problem.kernels)
@@ -430,13 +430,16 @@ class Orbit:
             return False, why
         for k, (row, later) in enumerate(self._pairs()):
             if not later[0] - row[0] > 0 and not self._vanishing(k):
-                return None, f"flight {k} lasts {(later[0] - row[0]).str(6)}"
+                return None, f"flight {k + 1} lasts {(later[0] - row[0]).str(6)}"
         for k, speed in self._speeds():
             if not speed > 0:
-                return None, f"impact {k} has the velocity {speed.str(6)} towards its wall"
+                return None, f"impact {k + 1} has the velocity {speed.str(6)} towards its wall"
         for one, margin in self._margins():
             if not margin > 0:
-                return None, f"impact {one.impact} is {margin.str(6)} beyond the limit {one.wall}"
+                return (
+                    None,
+                    f"impact {one.impact + 1} is {margin.str(6)} beyond the limit {one.wall}",
+                )
         return self._clear()
 
     def _pairs(self) -> list[tuple[Balls, Balls]]:
@@ -468,13 +471,13 @@ class Orbit:
         """Why the orbit is proven to be unphysical, if it is."""
         for k, (row, later) in enumerate(self._pairs()):
             if later[0] - row[0] < 0 and not self._vanishing(k):
-                return f"flight {k} lasts {(later[0] - row[0]).str(6)}"
+                return f"flight {k + 1} lasts {(later[0] - row[0]).str(6)}"
         for k, speed in self._speeds():
             if speed < 0:
-                return f"impact {k} runs the wrong way"
+                return f"impact {k + 1} runs the wrong way"
         for one, margin in self._margins():
             if margin < 0:
-                return f"impact {one.impact} leads through, though {one.sliding} would slide"
+                return f"impact {one.impact + 1} leads through, though {one.sliding} would slide"
         return self._deepest()
 
     def _margins(self) -> list[tuple[Limit, Any]]:
@@ -498,7 +501,7 @@ class Orbit:
                 gap = gap_of(space, self.z, touch.flight, touch.wall)
                 time = (arb(touch.time) - gap.start[0]).mid()
                 if time > 0 and time < gap.duration and gap.at(time)[0] < 0:
-                    return f"flight {touch.flight} passes wall {touch.wall}"
+                    return f"flight {touch.flight + 1} passes wall {touch.wall}"
         return ""
 
     def _own(self, flight: int, wall: str) -> bool:
@@ -515,7 +518,7 @@ class Orbit:
                 beside = self._beside(k, wall.name)
                 found = gap_of(self.space, self.z, k, wall.name, touch, beside).proven()
                 if found.what is not ClearanceProof.YES:
-                    where = f"flight {k}, wall {wall.name}, {found.time:.6g} after it leaves"
+                    where = f"flight {k + 1}, wall {wall.name}, {found.time:.6g} after it leaves"
                     passes = found.what is ClearanceProof.PASSES
                     return False if passes else None, f"{where}: the gap is {found.gap}"
         return True, ""

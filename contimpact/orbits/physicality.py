@@ -142,12 +142,15 @@ def verdict(
 
 
 def reason_of(found: Vector, word: str, named: Sequence[Guard]) -> str | None:
-    """Return what `verdict` found as a sentence; None where the orbit is physical."""
+    """Return what `verdict` found as a sentence; None where the orbit is physical.
+
+    Impacts and flights are counted from 1, as in columns and on the page.
+    """
     if found[0] == PHYSICAL:
         return None
     what, k, wall = (int(number) for number in found[:3])
     amount, when = found[3], found[4]
-    flight = f"flight {k} ({word[k]} to {word[(k + 1) % len(word)]})" if word else "the orbit"
+    flight = f"flight {k + 1} ({word[k]} to {word[(k + 1) % len(word)]})" if word else "the orbit"
     if what == OUT_OF_ORDER:
         return f"impacts out of order: {flight} lasts {amount:.6g}"
     if (
@@ -159,4 +162,4 @@ def reason_of(found: Vector, word: str, named: Sequence[Guard]) -> str | None:
         return f"{flight} goes through where it would slide, {amount:.6g} within {name}"
     if what == PASSES:
         return f"{flight} passes wall {named[wall].name} by {amount:.6g} at t = {when:.6g}"
-    return f"impact {k} on wall {word[k]} runs the wrong way: velocity {amount:.6g}"
+    return f"impact {k + 1} on wall {word[k]} runs the wrong way: velocity {amount:.6g}"

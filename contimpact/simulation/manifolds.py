@@ -215,7 +215,7 @@ def grow_manifold(
                 if isinstance(found, Piece):
                     pieces.append(found)
                 else:
-                    shortfalls.append(f"impact {impact}, side {side:+d}: {found}")
+                    shortfalls.append(f"impact {impact + 1}, side {side:+d}: {found}")
     return Manifold(orbit, stable, grower.multiplier, spacing, pieces, shortfalls, grower)
 
 

@@ -394,7 +394,7 @@ def test_a_zero_velocity_is_no_period_doubling():
     for point in after:
         verdict = point.evaluation.verdict
         assert not verdict.physical
-        assert verdict.reason.startswith("impact 1 on wall B runs the wrong way: velocity -")
+        assert verdict.reason.startswith("impact 2 on wall B runs the wrong way: velocity -")
 
 
 def test_effort_on_the_1_1_branch_of_figure_7():

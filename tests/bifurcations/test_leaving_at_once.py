@@ -77,7 +77,7 @@ def test_an_orbit_that_leaves_its_mode_at_once_is_unphysical(w, physical):
     orbit = slipping(friction(w=w))
     assert orbit.physical is physical
     if not physical:
-        assert orbit.reason.startswith("flight 0 (A to B) passes wall B by ")
+        assert orbit.reason.startswith("flight 1 (A to B) passes wall B by ")
 
 
 def test_where_it_does_is_a_grazing_with_an_error():

@@ -106,7 +106,7 @@ def test_where_sliding_begins_on_a_limit_no_branch_is_complete():
     for piece, event, where in zip(
         found.unproven,
         branch.events,
-        ("impact 0 comes to the limit P", "impact 1 comes to the limit A"),
+        ("impact 1 comes to the limit P", "impact 2 comes to the limit A"),
         strict=True,
     ):
         assert where in piece.what

@@ -511,7 +511,7 @@ def test_contained_is_false_in_figure_5b(pair, kernels_of):
     model = pair(A=7.8, r=0.25, s=0.5)
     orbit = find_orbits(model, "1:1", kernels=kernels_of(model, "s"))[0]
     assert orbit.linearisation.verdict.smallest_gap == pytest.approx(-0.00904, abs=5e-6)
-    assert orbit.reason.startswith("flight 0 (B to T) passes wall B by 0.00903")
+    assert orbit.reason.startswith("flight 1 (B to T) passes wall B by 0.00903")
     assert orbit.stable
     assert not orbit.physical
 
@@ -556,7 +556,7 @@ def test_wrong_way(pair, kernels_of):
     orbit = find_orbits(model, "1:1", kernels=kernels_of(model, "s"))[1]
     assert orbit.velocities[0] == pytest.approx(0.157103, abs=1e-6)
     assert not orbit.physical
-    assert orbit.reason == "impact 1 on wall T runs the wrong way: velocity 0.0306042"
+    assert orbit.reason == "impact 2 on wall T runs the wrong way: velocity 0.0306042"
     forgiven = orbit.linearisation.judge(forgive_impacts={1})
     assert (forgiven.physical, forgiven.reason) == (True, None)
 
@@ -572,14 +572,14 @@ def test_excursion_of_a_wrong_way_impact_is_no_touch(pair, problem_of):
     assert max(motion(0.9, -0.05, dt, *p)[0] for dt in np.linspace(0, 0.1, 50)) > 0.0
     assert gaps[0].touches[0] is None or gaps[0].touches[0].gap > 0.0
     reason = problem.evaluate(z).verdict.reason
-    assert reason == "impact 0 on wall B runs the wrong way: velocity -0.05"
+    assert reason == "impact 1 on wall B runs the wrong way: velocity -0.05"
 
 
 def test_impacts_out_of_order(pair, problem_of):
     problem = problem_of(pair(), "BT", "s")
     verdict = problem.evaluate(unknowns_of(problem, [1.0, 0.9], [0.6, -0.5])).verdict
     assert not verdict.physical
-    assert verdict.reason == "impacts out of order: flight 0 (B to T) lasts -0.1"
+    assert verdict.reason == "impacts out of order: flight 1 (B to T) lasts -0.1"
 
 
 def test_no_duration(pair, problem_of):
@@ -594,7 +594,7 @@ def test_oscillator_passes_its_stop(oscillator, kernels_of):
     """sigma = -0.06, omega = 3.7, r = 0.8: the (1, 2) orbit that is not physical."""
     model = oscillator(sigma=-0.06)
     orbit = find_orbits(model, "S/2T", kernels=kernels_of(model, "omega"))[0]
-    assert orbit.reason.startswith("flight 0 (S to S) passes wall S by 0.0497482 at t = 0.73217")
+    assert orbit.reason.startswith("flight 1 (S to S) passes wall S by 0.0497482 at t = 0.73217")
     check_gaps(orbit)
 
 
@@ -633,7 +633,7 @@ def test_judge_touching_is_physical():
 
 def test_judge_names_the_first_excursion():
     found = verdict([(0, "T", -0.25), (1, "B", -0.5)])
-    assert found.reason == "flight 0 (B to T) passes wall T by 0.25 at t = 0.5"
+    assert found.reason == "flight 1 (B to T) passes wall T by 0.25 at t = 0.5"
     assert found.smallest_gap == -0.5
 
 
@@ -647,7 +647,7 @@ def test_judge_forgives_one_touch():
 
 def test_judge_wrong_way_comes_first():
     found = verdict([(0, "T", -0.25)], velocities=(0.5, 0.125))
-    assert found.reason == "impact 1 on wall T runs the wrong way: velocity 0.125"
+    assert found.reason == "impact 2 on wall T runs the wrong way: velocity 0.125"
     assert not verdict([], velocities=(-0.5, -0.5)).physical
     assert verdict([], velocities=(-0.5, -0.5), forgive_impacts={0}).physical
     assert not verdict([], velocities=(-0.5, 0.5), forgive_impacts={0}).physical

@@ -135,7 +135,7 @@ def test_what_friction_cannot_do_is_unphysical():
     speed = orbit.unknowns[3]
     assert speed > 2.0 * model.values["mu_0"]  # friction of that size would have to hold it
     assert not verdict.physical
-    assert verdict.reason.startswith("flight 1 (S to P) passes wall A by")
+    assert verdict.reason.startswith("flight 2 (S to P) passes wall A by")
     assert verdict.smallest_gap == pytest.approx(2.0 * model.values["mu_0"] - speed, abs=1e-12)
     (slip,) = ci.find_orbits(Belt(**VALUES), "0", parameter="V")
     assert slip.linearisation.verdict.reason.startswith("the orbit passes wall S by")
