@@ -69,19 +69,36 @@ def cores() -> int:
 
 @contextlib.contextmanager
 def _pool(workers: int) -> Iterator[Executor]:
-    """Processes started afresh, with one thread each; they end if this one does."""
+    """Processes started afresh, with one thread each; they end if this one does.
+
+    Raises InputError if they cannot load the script that asks for them.
+    """
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import get_context
 
+    context = get_context("spawn")
+    begun = context.Event()
     with _one_thread_each():
-        pool = ProcessPoolExecutor(workers, get_context("spawn"), _start_worker)
+        pool = ProcessPoolExecutor(workers, context, _start_worker, (begun,))
         try:
             yield pool
+            if pool._broken and not begun.is_set():
+                found = "its workers run this script again, and end before they begin"
+                accepted = 'write what calls it below the line  if __name__ == "__main__":'
+                raise InputError("run_study", found, accepted)
         except BaseException:
             _end_processes(pool)
             raise
         finally:
             pool.shutdown(cancel_futures=True)
+
+
+def refuse_to_start_again() -> None:
+    """End a worker that runs its parent's script again, which is about to start workers itself."""
+    from multiprocessing import current_process
+
+    if getattr(current_process(), "_inheriting", False):  # until the script is loaded
+        raise SystemExit(1)
 
 
 def _end_processes(pool: Any) -> None:
@@ -102,8 +119,9 @@ def _one_thread_each() -> Iterator[None]:
             os.environ.pop(name, None)
 
 
-def _start_worker() -> None:
+def _start_worker(begun: Any) -> None:
     """In a new process: leave the keyboard to its parent, and end when the parent does."""
+    begun.set()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()

@@ -24,7 +24,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..progress import Progress, ignore_progress
-from .executors import UNKNOWN, Workshop
+from .executors import UNKNOWN, Workshop, processes, refuse_to_start_again
 from .outcome import Outcome, failure
 from .store import Store
 from .study_file import StudyFile
@@ -100,7 +100,7 @@ class _Clock:
 def run_study(
     study: StudyFile,
     store: Store,
-    workshop: Workshop,
+    workshop: Workshop | None = None,
     *,
     again: bool = False,
     progress: Progress | None = None,
@@ -112,8 +112,9 @@ def run_study(
     ----------
     study : StudyFile
     store : Store
-    workshop : Workshop
-        Where.
+    workshop : Workshop, optional
+        Where; by default on processes of this machine, one for each core. A script that calls this
+        has to do so below ``if __name__ == "__main__":``, since each process loads it.
     again : bool
         Whether scenes that have failed are tried again.
     progress : callable, optional
@@ -129,13 +130,15 @@ def run_study(
     Raises
     ------
     InputError
-        If the store holds another study of this name, or cannot be written.
+        If the store holds another study of this name, or cannot be written, or the processes run
+        the script again.
     WorkersLostError
         If no worker is left.
     """
+    refuse_to_start_again()
     with store.claimed(study.name):
         return _Computation(
-            study, store, workshop, again, progress or ignore_progress, announce
+            study, store, workshop or processes(), again, progress or ignore_progress, announce
         ).run()
 
 

@@ -308,6 +308,31 @@ def test_workers_take_one_thread_each_and_leave_the_environment_alone(monkeypatc
     assert "OMP_NUM_THREADS" not in os.environ
 
 
+UNGUARDED = """
+from pathlib import Path
+with Path("started").open("a") as file:
+    file.write("x")
+from contimpact import Store, load_study, run_study
+with Store("s.sqlite") as store:
+    run_study(load_study("study.toml"), store)
+"""
+
+
+def test_a_script_that_its_workers_would_run_again_is_told_what_to_write(tmp_path):
+    (tmp_path / "study.toml").write_text(TOML.format(name="small", count=2))
+    (tmp_path / "script.py").write_text(UNGUARDED)
+    done = subprocess.run(
+        [sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, timeout=100
+    )
+    assert done.returncode == 1
+    assert done.stderr.count("Traceback") == 1
+    assert done.stderr.rstrip().endswith(
+        "run_study: its workers run this script again, and end before they begin; "
+        'write what calls it below the line  if __name__ == "__main__":'
+    )
+    assert (tmp_path / "started").read_text() == "xx"
+
+
 def test_an_executor_that_is_lost_is_reported(tmp_path):
     with ThreadPoolExecutor(1) as executor:
         workshop = executors.given(executor)
