@@ -79,6 +79,19 @@ def shorten(text: str, longest: int = 60) -> str:
     return f"{text[:ahead]}...{text[len(text) - (longest - 3 - ahead) :]}"
 
 
+def each_once(values: Iterable[Any], where: str) -> list[Any]:
+    """Return a list without the values that it repeats, which a logged warning names."""
+    given = list(values)
+    kept = list(dict.fromkeys(given))
+    if len(kept) < len(given):
+        import logging
+
+        again = ", ".join(short_repr(str(v)) for v in kept if given.count(v) > 1)
+        text = f"{where}: {shorten(again)} more than once; each value is used once"
+        logging.getLogger(__package__).warning(text)
+    return kept
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return a hint at the known name that is spelled most like another; empty if there is none."""
     import difflib

@@ -154,6 +154,7 @@ ANSWERED = {
     "ci.continue_orbit(b, 's', (0.3, 0.6))": "give an orbit of find_orbits",
     "ci.continue_orbit(o, 's', (0.3, 0.6), events=['SN'])": "folds are FB here",
     "ci.continue_orbit(o, 's', (0.3, 0.6), events=['TR'])": "tori are born at NS here",
+    "ci.continue_orbit(o, 's', (0.3, 0.6), values={'s': 0.4})": "give a list of numbers",
     "ci.continue_branch(o)": "there is 'continue_orbit'",
     "o.follow('s')": "call contimpact.continue_orbit(orbit, ...)",
     "ci.follow(m)": "give a scene",

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from .. import __version__
-from ..errors import InputError, NotWrittenError
+from ..errors import InputError, NotWrittenError, each_once
 from .examples import add_examples
 from .terminal import complain, raise_on_termination, say
 
@@ -40,6 +40,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _status(arguments: Sequence[str] | None) -> int:
     options = parser().parse_args(arguments)
     try:
+        for name, given in vars(options).items():
+            if isinstance(given, list) and name not in ("xlim", "ylim"):
+                setattr(options, name, each_once(given, name))
         with raise_on_termination():
             return int(importlib.import_module(f"{__name__}.{options.module}").command(options))
     except InputError as error:
@@ -158,7 +161,8 @@ def parser() -> argparse.ArgumentParser:
     )
     export.add_argument("--study", metavar="NAME", action="append", help="these studies alone")
     export.add_argument("--table", metavar="NAME", action="append", help="these tables alone")
-    export.add_argument("--columns", metavar="A,B,...", help="these columns alone")
+    columns: dict[str, Any] = {"metavar": "A,B,...", "type": lambda text: text.split(",")}
+    export.add_argument("--columns", help="these columns alone", **columns)
     export.add_argument("--digits", metavar="N", type=int, help="significant digits (default all)")
     export.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
     export.set_defaults(module="export")

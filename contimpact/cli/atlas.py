@@ -23,7 +23,10 @@ FORMATS = ("png", "svg", "pdf")
 def command(options: argparse.Namespace) -> int:
     """Draw maps; returns the exit status."""
     require_output(options)
-    at = dict(_value(text) for text in options.at)
+    given = [_value(text) for text in options.at]
+    at = dict(given)
+    if len(at) < len(given):
+        raise InputError("--at", "two values of one axis", "give one")
     names = options.study or studies(options.store)
     folder = Path(options.output)
     with telling("atlas", options.quiet, patient=True) as tell:
@@ -60,7 +63,7 @@ def _write(shown: Map, study: Study, folder: Path, options: argparse.Namespace) 
     stem = file_stem(shown)
     rows = zip(shown.x.tolist(), shown.y.tolist(), shown.values.tolist(), strict=True)
     write_text(folder / f"{stem}.csv", csv_text([*shown.axes, shown.quantity], rows))
-    formats = tuple(dict.fromkeys(options.format or FORMATS[:1]))
+    formats = tuple(options.format or FORMATS[:1])
     if not options.no_plot:
         save_map(shown, folder, formats, units_of(study.given["model"]["system"]))
     if not options.quiet:

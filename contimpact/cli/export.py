@@ -21,7 +21,7 @@ def command(options: argparse.Namespace) -> int:
             options.format,
             names=options.study,
             tables=options.table,
-            columns=options.columns.split(",") if options.columns else None,
+            columns=options.columns,
             digits=options.digits,
         )
     if not options.quiet:

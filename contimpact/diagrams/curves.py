@@ -28,7 +28,7 @@ from ..continuation.ends import End, EndKind
 from ..continuation.problem import Problem, length
 from ..continuation.settings import Settings
 from ..continuation.walk import keep_interrupted, other_way, walk
-from ..errors import InputError
+from ..errors import InputError, each_once
 from ..models.model import Model
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
@@ -443,7 +443,7 @@ class SecondValue(TestFunction):
     kind = REQUESTED
 
     def __init__(self, wanted: Sequence[float]) -> None:
-        self.wanted = np.array(wanted, dtype=float)
+        self.wanted = np.array(each_once(wanted, "values"), dtype=float)
         self.noise = ON_LIMIT * max((abs(value) for value in wanted), default=0.0)
 
     def values(self, point: Point) -> Array:

@@ -31,7 +31,7 @@ from ..continuation.walk import (
     other_way,
     retry_interrupted,
 )
-from ..errors import InputError, short_repr
+from ..errors import InputError, each_once, short_repr
 from ..models.model import Model, Symmetry
 from ..models.word import Word
 from ..orbits.multipliers import count_unstable
@@ -392,9 +392,16 @@ def tests_of_events(
     events = usual_events(problem.model) if events is None else events
     if isinstance(events, str) or not isinstance(events, Sequence):
         raise InputError("events", f"found {events!r}", "give a list, such as ['PD', 'G']")
-    texts = [kind for kind in events if isinstance(kind, str)]
-    kinds = wanted_kinds(texts, values, "events", "give values={name: [...]}")
-    tests = test_functions(problem, kinds, values or {})
+    wanted = {}
+    for name, asked in (values or {}).items():
+        if np.ndim(asked) != 1:
+            raise InputError(
+                f"values.{name}", f"found {short_repr(asked)}", "give a list of numbers"
+            )
+        wanted[name] = each_once(asked, f"values.{name}")
+    texts = each_once((kind for kind in events if isinstance(kind, str)), "events")
+    kinds = wanted_kinds(texts, wanted, "events", "give values={name: [...]}")
+    tests = test_functions(problem, kinds, wanted)
     return tests + [_user_test(kind) for kind in events if not isinstance(kind, str)]
 
 

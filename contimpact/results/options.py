@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..continuation.settings import Settings
-from ..errors import InputError, did_you_mean, short_repr
+from ..errors import InputError, did_you_mean, each_once, short_repr
 from ..models.expressions import number
 
 # One table of a scene: keys are read by type, every mistake is named with the path of its key.
@@ -78,11 +78,11 @@ class Table:
         return value
 
     def texts(self, key: str, default: Any = REQUIRED) -> list[str]:
-        """Return a list of texts."""
+        """Return a list of texts, each there once."""
         value = self.take(key, default, "a list of texts")
         if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
             raise self.refuse(key, value, "a list of texts in quotes")
-        return list(self.bounded(key, value))
+        return self.distinct(key, list(self.bounded(key, value)))
 
     def number(self, key: str, default: Any = REQUIRED) -> float:
         """Return a number."""
@@ -100,11 +100,18 @@ class Table:
         return float(value)
 
     def numbers(self, key: str) -> list[float]:
-        """Return a list of numbers."""
+        """Return a list of numbers, each there once."""
+        return self.distinct(key, self._numbers(key))
+
+    def _numbers(self, key: str) -> list[float]:
         value = self.take(key, REQUIRED, "a list of numbers")
         if not isinstance(value, list):
             raise self.refuse(key, value, "a list of numbers")
         return [self.as_number(v, f"{key}[{i}]") for i, v in enumerate(self.bounded(key, value))]
+
+    def distinct(self, key: str, values: list[Any]) -> list[Any]:
+        """Return a list without the values that it repeats."""
+        return each_once(values, self.place(key))
 
     def bounded(self, key: str, values: list[Any]) -> list[Any]:
         """Return a list if it is not too long."""
@@ -119,7 +126,7 @@ class Table:
         wanted = "two numbers, the lower one first"
         if key not in self.data:
             self.take(key, REQUIRED, wanted)
-        values = self.numbers(key)
+        values = self._numbers(key)
         if len(values) != 2 or not values[0] < values[1]:
             raise self.refuse(key, self.data[key], wanted)
         return values[0], values[1]

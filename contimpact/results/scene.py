@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..bifurcations.declarations import EVENTS, KINDS, SECOND
 from ..continuation.settings import Settings
-from ..errors import InputError, short_repr
+from ..errors import InputError, each_once, short_repr
 from ..models.guards import graph
 from ..models.model import Model
 from ..models.word import Word, parse_word
@@ -508,14 +508,11 @@ def read_scene(given: Mapping[str, Any], systems: Mapping[str, type[Model]] | No
         found = f"[{low:.12g}, {high:.12g}] does not hold the start {parameter} = {start:.12g}"
         raise InputError("follow.range", found, f"widen it or change model.parameters.{parameter}")
     model.validate_between(parameter, low, high, "follow.range")
-    letters = model.letters
-    orbits = tuple(
-        dict.fromkeys(
-            parse_word(text, letters, f"follow.orbits[{i}]", graph(model.WALLS), model.autonomous)
-            for i, text in enumerate(follow.texts("orbits"))
-        )
-    )
-    if not orbits:
+    words = [
+        parse_word(text, model.letters, f"follow.orbits[{i}]", graph(model.WALLS), model.autonomous)
+        for i, text in enumerate(follow.texts("orbits"))
+    ]
+    if not (orbits := tuple(each_once(words, "follow.orbits"))):
         raise InputError("follow.orbits", "empty", "name at least one orbit, such as '1:1'")
     detect = top.table("detect", optional=True)
     events, values, crises = read_detect(detect, model, parameter, (low, high))

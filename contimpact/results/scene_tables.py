@@ -144,7 +144,7 @@ def read_reach(follow: Table, model: Model, events: Sequence[str]) -> dict[str, 
             accepted = f"add it to detect.events, which has {', '.join(events) or 'none'}"
             raise InputError(f"follow.switch[{i}]", found, accepted)
     return {
-        "switch": tuple(dict.fromkeys(switch)),
+        "switch": tuple(switch),
         "depth": follow.whole("depth", 1, least=0, most=MOST_TRIES),
         "max_branches": follow.whole("max_branches", 50, most=MOST_BRANCHES),
         "max_points": follow.whole("max_points", 20000, least=2, most=MOST_POINTS),
@@ -238,8 +238,8 @@ def read_curves(
     return CurveOptions(
         name,
         (low, high),
-        tuple(dict.fromkeys(kinds)),
-        tuple(dict.fromkeys(unphysical)),
+        tuple(kinds),
+        tuple(unphysical),
         values,
         family,
         settings,
@@ -385,5 +385,5 @@ def read_plot(table: Table, model: Model, parameter: str) -> PlotOptions:
             )
     html = table.truth("html", False)
     table.finish()
-    drawn = tuple(dict.fromkeys(formats))
-    return PlotOptions(x, limits["xlim"], limits["ylim"], formats=drawn, html=html, **chosen)
+    given = limits["xlim"], limits["ylim"]
+    return PlotOptions(x, *given, formats=tuple(formats), html=html, **chosen)

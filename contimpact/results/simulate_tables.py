@@ -176,7 +176,7 @@ def _transitions(table: Table) -> bool | tuple[int, ...]:
         return value
     if not isinstance(value, list) or not all(type(p) is int and p > 0 for p in value):
         raise table.refuse("transitions", value, accepted)
-    return tuple(dict.fromkeys(value))
+    return tuple(table.distinct("transitions", value))
 
 
 def _positive_number(table: Table, key: str, default: float) -> float:

@@ -303,7 +303,7 @@ def read_study(given: Mapping[str, Any]) -> StudyFile:
         raise table.refuse("budget", budget, f"seconds, above 0, at most {LONGEST_BUDGET:g}")
     design = read_design(table, _scene_parameters(top))
     table.finish()
-    study = StudyFile(name, source, given, design, tuple(dict.fromkeys(keep)), budget)
+    study = StudyFile(name, source, given, design, tuple(keep), budget)
     _check_scenes(study)
     _check_keep(study)
     return study

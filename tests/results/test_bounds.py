@@ -166,7 +166,7 @@ def test_dotted_keys_as_they_are(tmp_path):
     """Numbers and texts with many dots are no keys; keys of fewer names are refused by name."""
     path = tmp_path / "scene.toml"
     dots = ".".join(["a"] * 200)
-    listed = ", ".join(["0.3"] * 500)
+    listed = ", ".join(f"0.3{i:03d}" for i in range(500))
     given = f'source = "{dots}"\n' + SMALL + f"[detect.values]\ns = [\n{listed}]\n"
     path.write_text(given, encoding="utf-8")
     assert len(load_scene(path).values["s"]) == 500

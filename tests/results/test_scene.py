@@ -1026,3 +1026,24 @@ def test_a_resolved_map_keeps_its_third_parameter():
     assert scene.resolved()["curves"]["third"] == third
     again = read_scene(json.loads(json.dumps(scene.resolved())))
     assert again.curves.third == scene.curves.third
+
+
+@pytest.mark.parametrize(
+    ("path", "given", "found"),
+    [
+        ("follow/orbits", ["1:1", "2:1", "BT"], lambda s: s.orbits),
+        ("follow/switch", ["PD", "G", "PD"], lambda s: s.switch),
+        ("detect/events", ["FB", "G", "FB"], lambda s: s.events),
+        ("detect/values", {"s": [0.3, 0.4, "3/10"]}, lambda s: s.values["s"]),
+        ("curves/start", [0.3, 0.25, 0.3], lambda s: s.curves.start),
+        ("simulate/transitions", [1, 2, 1], lambda s: s.simulate.transitions),
+        ("simulate/basins", [0.3, 0.2, 0.3], lambda s: s.simulate.basins),
+    ],
+)
+def test_what_a_list_repeats_is_used_once_and_named(path, given, found, caplog):
+    more = {"curves": {"parameter": "r", "range": [0.2, 0.4], "kinds": ["G"]}, "simulate": {}}
+    scene = read_scene(changed({path: given}, {**VALID, **more}))
+    assert len(found(scene)) == len(set(found(scene))) == 2
+    (message,) = caplog.messages
+    assert message.startswith(path.replace("/", "."))
+    assert message.endswith("more than once; each value is used once")

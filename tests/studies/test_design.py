@@ -84,7 +84,11 @@ def of_study(**changes):
 WRONG = [
     (of_study(grid={}), "study", "no parameter differs"),
     (of_study(grid={"beta": []}), "study.grid.beta", "empty"),
-    (of_study(grid={"beta": [0.3, 0.3]}), "study.grid.beta", "a value twice"),
+    (
+        of_study(grid={"beta": {"from": 0.3, "to": 0.3, "count": 2}}),
+        "study.grid.beta",
+        "a value twice",
+    ),
     (of_study(grid={"beta": {**BETA, "cuont": 3}}), "study.grid.beta.cuont", "did you mean"),
     (of_study(grid={"beta": {**BETA, "spacing": "cubic"}}), "study.grid.beta.spacing", "cubic"),
     (of_study(grid={"beta": {**BETA, "from": 0, "spacing": "log"}}), "study.grid.beta", "from 0"),
