@@ -22,6 +22,17 @@ def ignore_progress(text: str) -> None:
     """Tell nobody."""
 
 
+class RememberedProgress:
+    """Progress that knows its last line: where a computation is when it is interrupted."""
+
+    def __init__(self, tell: Progress) -> None:
+        self.tell, self.last = tell, ""
+
+    def __call__(self, text: str) -> None:
+        self.last = text or self.last
+        self.tell(text)
+
+
 @contextlib.contextmanager
 def progress_lines(progress: Asked, name: str) -> Iterator[Progress]:
     """Yield the function to call with lines of text about a piece of work."""

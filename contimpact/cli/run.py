@@ -132,7 +132,9 @@ def _run_one(job: _Job, options: argparse.Namespace, interruption: Interruption)
         _summary(scene, diagram, options.ghosts)
         say(f"written to {folder} in {time.perf_counter() - began:.2f} s")
     if failure:
-        job.complain(f"{failure}; what was computed is in {folder}")
+        stopped = diagram.statistics.get("stopped")
+        at = f" ({stopped})" if stopped else ""
+        job.complain(f"{failure}{at}; what was computed is in {folder}")
     return failure
 
 

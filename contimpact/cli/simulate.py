@@ -52,9 +52,10 @@ def command(options: argparse.Namespace) -> int:
     if not options.quiet:
         _report_simulation(result, folder)
     if result.interrupted:
+        place = (result.stopped or "").removeprefix(f"{result.interrupted}: ")
         complain(
-            f"interrupted ({result.interrupted}); what was done is written to {folder}; "
-            "--resume continues"
+            f"interrupted ({result.interrupted}){place and f': {place}'}; what was done is written "
+            f"to {folder}; --resume continues"
         )
         return 1
     return 0
@@ -101,7 +102,7 @@ def _write(
                 left_out.append("pictures: the run was interrupted")
             result.seconds["plot"] = time.perf_counter() - drawing
         result.seconds["total"] = time.perf_counter() - began
-        names = ("seconds", "counts", "notes", "interrupted", "resumed")
+        names = ("seconds", "counts", "notes", "interrupted", "stopped", "resumed")
         statistics = {name: getattr(result, name) for name in names}
         write_manifest(scene, files, left_out, statistics)
 

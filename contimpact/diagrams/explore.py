@@ -30,7 +30,13 @@ from ..orbits.orbit import Orbit
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
 from ..orbits.search import SAME_ORBIT, Search, mirror_orbit, reduce_period, rotate_to_word
-from ..progress import Asked, Progress, counting_callback, progress_lines
+from ..progress import (
+    Asked,
+    Progress,
+    RememberedProgress,
+    counting_callback,
+    progress_lines,
+)
 from ..results.branch import Branch, Entry
 from ..results.diagram import Diagram, Limits
 from ..results.scene import Scene, load_scene, read_scene
@@ -138,7 +144,8 @@ def follow(scene: Scene | str | Path | Mapping[str, Any], progress: Asked = None
     Notes
     -----
     An interruption or a numerical failure ends the computation early; what was computed is
-    returned, and ``statistics["failure"]`` says what happened. Words without an orbit at the start
+    returned, and ``statistics["failure"]`` says what happened, ``statistics["stopped"]`` what
+    was being done when the keyboard interrupted. Words without an orbit at the start
     are listed in ``statistics["not_found"]``. Limits of the scene that cut something off are listed
     in ``limits``, with what they left out.
     """
@@ -149,7 +156,8 @@ def follow(scene: Scene | str | Path | Mapping[str, Any], progress: Asked = None
     elif not isinstance(scene, Scene):
         accepted = "give a scene, or the path of one; orbits are followed by continue_orbit"
         raise InputError("scene", f"found {short_repr(scene)}", accepted)
-    with progress_lines(progress, scene.name) as tell:
+    with progress_lines(progress, scene.name) as told:
+        tell = RememberedProgress(told)
         explorer = _Explorer(scene, tell)
         diagram = explorer.run()
         if scene.crises and not diagram.statistics["failure"]:
@@ -167,6 +175,8 @@ def follow(scene: Scene | str | Path | Mapping[str, Any], progress: Asked = None
         if not diagram.branches and not diagram.statistics["failure"]:
             explorer.look_elsewhere()
             raise refusal(list(explorer.lacking.values()), explorer.settled)
+    if diagram.statistics["failure"] == INTERRUPTED:
+        return replace(diagram, statistics={**diagram.statistics, "stopped": tell.last})
     return diagram
 
 

@@ -8,6 +8,7 @@ depend on the seed and the value's number.
 from __future__ import annotations
 
 import math
+import re
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -15,7 +16,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..progress import Progress, ignore_progress
+from ..progress import Progress, RememberedProgress, ignore_progress
 from ..results.catalogue import diagram_files
 from ..results.result_folder import ROWS
 from ..results.scene import Scene
@@ -77,6 +78,8 @@ class Simulation:
     basins: list[Basins] = field(default_factory=list)
     interrupted: str | None = None
     """The stage at which the run was interrupted."""
+    stopped: str | None = None
+    """What was being done then: how far the stage was, at which value."""
     notes: list[str] = field(default_factory=list)
     """Notes of the branches on what they may lack."""
     seconds: dict[str, float] = field(default_factory=dict)
@@ -142,7 +145,7 @@ class _Director:
         show: Callable[[Simulation], None] | None,
     ) -> None:
         assert scene.simulate is not None
-        self.scene, self.progress, self.show = scene, progress, show
+        self.scene, self.progress, self.show = scene, RememberedProgress(progress), show
         self.options: SimulateOptions = scene.simulate
         kernels = Kernels(scene.model, scene.parameter)
         if self.options.losses:
@@ -167,7 +170,9 @@ class _Director:
             try:
                 getattr(self, stage)()
             except KeyboardInterrupt:
-                self.result.interrupted = stage
+                self.result.interrupted = self.result.interrupted or stage
+                last = re.sub(r", about \d+ s left", "", self.progress.last)
+                self.result.stopped = self.result.stopped or last
             self.result.seconds[stage] = time.perf_counter() - began
             if self.result.interrupted:
                 break
@@ -246,8 +251,9 @@ class _Director:
         left = [pair for pair in self.changes() if _key_of(pair) not in self.kept.changes]
         if left and self.show is not None:
             self.result.interrupted = "transitions"  # if nothing follows
+            self.result.stopped = f"transitions: 0 of {len(left)}"
             self.show(self.result)
-            self.result.interrupted = None
+            self.result.interrupted = self.result.stopped = None
 
     def crises(self) -> None:
         if self.options.crises and self.result.diagram is not None:

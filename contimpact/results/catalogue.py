@@ -323,6 +323,8 @@ def catalogue_text(diagram: Diagram) -> str:
         content["checks"] = [dataclasses.asdict(check) for check in diagram.checks]
     if diagram.limits:
         content["limits"] = [dataclasses.asdict(limit) for limit in diagram.limits]
+    if stopped := diagram.statistics.get("stopped"):
+        content["interrupted"] = stopped
     if diagram.coverage:
         content["coverage"] = [dataclasses.asdict(c) for c in diagram.coverage]
     if diagram.areas:
@@ -473,11 +475,13 @@ def load_diagram(folder: str | Path) -> Diagram:
         )
         checks, coverage = _checks(catalogue)
         name = fit_value(catalogue["scene"], str, "scene")
+        stopped = fit_value(catalogue.get("interrupted", ""), str, "interrupted")
         return Diagram(
             name,
             branches,
             curves,
             checks,
+            {"stopped": stopped} if stopped else {},
             codim2_curves=points,
             coverage=coverage,
             areas=_areas(catalogue),

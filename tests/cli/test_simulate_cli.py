@@ -143,6 +143,37 @@ def test_periods_of_transitions_are_whole_numbers():
         read_scene(tomllib.loads(text))
 
 
+@pytest.mark.parametrize("drawing", [False, True])
+def test_an_interruption_is_named_with_its_place(
+    drawing, scene_file, tmp_path, monkeypatch, capsys
+):
+    """Within the sweep, and while the sweep is drawn before its transitions are located."""
+
+    def interrupted(*given):
+        raise KeyboardInterrupt
+
+    kept = scene_simulation.Checkpoint.keep
+    made = []
+
+    def keep(self, row):
+        kept(self, row)
+        made.append(row)
+        if len(made) == 2:
+            raise KeyboardInterrupt
+
+    if drawing:
+        monkeypatch.setattr("contimpact.plots.attractors.save_simulation", interrupted)
+    else:
+        monkeypatch.setattr(scene_simulation.Checkpoint, "keep", keep)
+    assert run(scene_file(SCENE.replace("both", "down")), "-o", tmp_path, "-q") == 1
+    manifest = json.loads((tmp_path / "manifest.json").read_text(encoding="utf-8"))
+    stage, place = ("transitions", "0 of ") if drawing else ("sweep", "1 of ")
+    assert manifest["interrupted"] == stage
+    assert manifest["stopped"].startswith(f"{stage}: {place}")
+    assert f"interrupted ({stage}): {place}" in capsys.readouterr().err
+    assert table(tmp_path / "sweep.csv")[1]
+
+
 @pytest.mark.parametrize("after", [2, 9, 14])
 @pytest.mark.full
 def test_interrupted_and_resumed(scene_file, tmp_path, monkeypatch, capsys, after):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 
 import numpy as np
@@ -23,6 +24,7 @@ from contimpact import (
 )
 from contimpact.diagrams import starting_orbits
 from contimpact.orbits.search import Search
+from contimpact.results.catalogue import catalogue_text
 from contimpact.results.diagram import Diagram
 from contimpact.results.diagram_reading import read, stable_intervals
 
@@ -264,6 +266,8 @@ def test_interrupted_before_words_were_looked_for_elsewhere():
 
     diagram = follow(small(**LACKING), progress)
     assert diagram.statistics["failure"] == "interrupted"
+    assert diagram.statistics["stopped"].startswith("following b1")
+    assert json.loads(catalogue_text(diagram))["interrupted"] == diagram.statistics["stopped"]
     assert [each["tried"] for each in diagram.statistics["not_found"]] == [0, 0]
     assert not any("nor at" in note for note in diagram.statistics["notes"])
 
