@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from .errors import InputError, missing, printable
+from .errors import InputError, explain_arguments, missing, printable
 
 LINES = 10
 """Largest number of lines in a text that shows a result."""
@@ -88,6 +88,7 @@ def _cell(value: Any) -> str:
     return html.escape(printable(text))
 
 
+@explain_arguments
 def plot(result: Any, *x: Any, **options: Any) -> Any:
     """Draw a result.
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import sys
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, TypeVar
+
+Call = TypeVar("Call", bound=Callable[..., Any])
 
 LONGEST_MESSAGE = 560
 
@@ -96,8 +99,40 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return a hint at the known name that is spelled most like another; empty if there is none."""
     import difflib
 
-    near = difflib.get_close_matches(name[:100], [k[:100] for k in known], 1)
-    return f" (did you mean {near[0]!r}?)" if near else ""
+    names = {k[:100].lower(): k for k in reversed([*known])}
+    near = difflib.get_close_matches(name[:100].lower(), names, 1)
+    return f" (did you mean {names[near[0]]!r}?)" if near else ""
+
+
+def explain_arguments(function: Call) -> Call:
+    """Return a function, or a class, that answers arguments it does not take with those it does."""
+    if isinstance(function, type):
+        function.__init__ = explain_arguments(function.__init__)  # type: ignore[misc]
+        return function
+
+    @functools.wraps(function)
+    def explained(*given: Any, **named: Any) -> Any:
+        try:
+            return function(*given, **named)
+        except TypeError as error:
+            if error.__traceback__ is None or error.__traceback__.tb_next is not None:
+                raise  # from within
+            raise TypeError(_arguments_text(function, named, error)) from None
+
+    return explained  # type: ignore[return-value]
+
+
+def _arguments_text(function: Callable[..., Any], named: Iterable[str], error: TypeError) -> str:
+    """What is wrong with a call, and what would do."""
+    import inspect
+
+    known = [name for name in inspect.signature(function).parameters if name != "self"]
+    shown = function.__qualname__.removesuffix(".__init__")
+    unknown = next((name for name in named if name not in known), None)
+    found = str(error).replace(".__init__()", "()")
+    if unknown is not None:
+        found = f"{shown}() has no argument {unknown!r}{did_you_mean(unknown, known)}"
+    return f"{found}; it takes {', '.join(known) or 'none'}"
 
 
 GUESSED = {

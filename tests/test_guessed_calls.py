@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import inspect
 import math
 import pickle
 import re
@@ -195,6 +196,52 @@ def test_a_guessed_call_works(names, call):
     if "to_dataframe" in call:
         pytest.importorskip("pandas")
     assert eval(call, names) is not None
+
+
+FUNCTIONS = sorted(name for name in ci.__all__ if inspect.isfunction(getattr(ci, name)))
+CLASSES = [
+    "Formulas",
+    "Geometry",
+    "Membrane",
+    "Parameter",
+    "Settings",
+    "Simulator",
+    "Store",
+    "Wall",
+]
+
+
+@pytest.mark.parametrize("name", [*FUNCTIONS, *CLASSES])
+def test_an_argument_that_is_not_there_is_answered_with_those_that_are(name):
+    call = getattr(ci, name)
+    known = inspect.signature(call).parameters
+    if any(p.kind is p.VAR_KEYWORD for p in known.values()):
+        with pytest.raises(TypeError, match=r"missing .*; it takes "):
+            call()
+        return
+    with pytest.raises(TypeError) as error:
+        call(no_such_argument=1)
+    assert str(error.value) == (
+        f"{name}() has no argument 'no_such_argument'; it takes {', '.join(known) or 'none'}"
+    )
+    if known:
+        first = max(known, key=len)
+        with pytest.raises(TypeError, match=rf"\(did you mean '{first}'\?\)"):
+            call(**{f"{first}_": 1})
+
+
+def test_a_mistake_within_a_call_is_reported_as_it_is(model):
+    def callback(point):
+        return point.no_such_method(1) + len(3)
+
+    with pytest.raises((TypeError, AttributeError)) as error:
+        ci.continue_orbit(ci.find_orbits(model, "1:1", "s")[0], "s", (0.3, 0.6), callback=callback)
+    assert "it takes" not in str(error.value)
+
+
+def test_capitals_are_no_other_name():
+    with pytest.raises(InputError, match=r"S: no such parameter \(did you mean 's'\?\)"):
+        ci.ImpactPair(beta=0.5, r=0.3, A=5.0, S=0.5)
 
 
 @pytest.mark.parametrize("call", ANSWERED)

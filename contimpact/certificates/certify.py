@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import flint
 
 from .. import __version__
-from ..errors import InputError, NotInstalledError, printable
+from ..errors import InputError, NotInstalledError, explain_arguments, printable
 from ..models.model import Model
 from ..orbits.problem import OrbitProblem
 from ..progress import Progress, ignore_progress
@@ -268,6 +268,7 @@ def enclosing_kernels(kernels: Kernels) -> Kernels:
     raise NoEnclosuresError(f"system {model.SYSTEM}", found, accepted)
 
 
+@explain_arguments
 def certify(
     what: Diagram | Branch | Entry | Sequence[Entry] | str | Path,
     model: Model | None = None,

@@ -6,11 +6,12 @@ import math
 import numbers
 from dataclasses import dataclass
 
-from ..errors import InputError
+from ..errors import InputError, explain_arguments
 
 PREDICTORS = ("tangent", "secant")
 
 
+@explain_arguments
 @dataclass(frozen=True)
 class Settings:
     """Numerics of a walk; lengths are in the branch's metric.

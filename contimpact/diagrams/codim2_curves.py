@@ -14,7 +14,7 @@ from ..continuation.corrector import correct, first_tangent
 from ..continuation.ends import End, EndKind
 from ..continuation.problem import length
 from ..continuation.settings import Settings
-from ..errors import InputError
+from ..errors import InputError, explain_arguments
 from ..models.model import Model
 from ..models.word import Word
 from ..orbits.problem import Linearisation
@@ -37,6 +37,7 @@ SAME_POINT = 1e-8
 """How far apart values and, as part of their ranges, coordinates of one point may be."""
 
 
+@explain_arguments
 def follow_codim2(
     entry: Entry,
     point: Codim2,

@@ -27,7 +27,7 @@ from ..continuation.branch import Event, Point, Points
 from ..continuation.ends import End
 from ..continuation.settings import Settings
 from ..continuation.walk import walk
-from ..errors import InputError
+from ..errors import InputError, explain_arguments
 from ..models.model import Model
 from ..models.word import Word
 from ..orbits.orbit import Orbit
@@ -189,6 +189,7 @@ class NoCrisis:
         return f"no crisis: {self.reason}"
 
 
+@explain_arguments
 def locate_crisis(
     orbit: Orbit, start: State | None = None, *, impacts: int = 40_000
 ) -> Crisis | NoCrisis:
@@ -257,6 +258,7 @@ def require_one_coordinate(model: Model, kernels: Kernels, where: str) -> None:
         raise InputError(where, f"the system {model.SYSTEM}", accepted)
 
 
+@explain_arguments
 def find_crises(
     sweep: Sweep, diagram: Diagram, *, impacts: int = 40_000
 ) -> list[Crisis | NoCrisis]:
@@ -646,6 +648,7 @@ class CrisisCurve:
         return len(self.values)
 
 
+@explain_arguments
 def follow_crisis(
     crisis: Crisis, second: str, limits: tuple[float, float], settings: Settings = CURVE_SETTINGS
 ) -> CrisisCurve:

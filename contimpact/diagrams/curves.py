@@ -28,7 +28,7 @@ from ..continuation.ends import End, EndKind
 from ..continuation.problem import Problem, length
 from ..continuation.settings import Settings
 from ..continuation.walk import keep_interrupted, other_way, walk
-from ..errors import InputError, each_once
+from ..errors import InputError, each_once, explain_arguments
 from ..models.model import Model
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
@@ -244,6 +244,7 @@ ON_LIMIT = 1e-12
 of a curve."""
 
 
+@explain_arguments
 def follow_curve(
     entry: Entry,
     model: Model | None = None,

@@ -24,7 +24,7 @@ from ..bifurcations.registry import kind_of, switch, test_functions
 from ..continuation.branch import Event, Point, TestFunction
 from ..continuation.ends import End, EndKind
 from ..continuation.settings import Settings
-from ..errors import InputError, short_repr
+from ..errors import InputError, explain_arguments, short_repr
 from ..models.word import Word
 from ..orbits.orbit import Orbit
 from ..orbits.problem import Linearisation, OrbitProblem
@@ -120,6 +120,7 @@ INTERRUPTED = "interrupted"
 """Reason of a computation that the keyboard ended early."""
 
 
+@explain_arguments
 def follow(scene: Scene | str | Path | Mapping[str, Any], progress: Asked = None) -> Diagram:
     """Compute the diagram of a scene.
 

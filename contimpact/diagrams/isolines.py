@@ -13,7 +13,7 @@ from ..bifurcations.kind import Kind, Values
 from ..continuation.branch import Point, TestFunction, UserFunction
 from ..continuation.ends import End
 from ..continuation.settings import Settings
-from ..errors import InputError, short_repr
+from ..errors import InputError, explain_arguments, short_repr
 from ..models.model import Model
 from ..models.word import Word
 from ..orbits.orbit import Orbit
@@ -30,6 +30,7 @@ from .curves import Range, check_range, curve_from_walks, walk_both_ways
 Function = Callable[[Orbit], float]
 
 
+@explain_arguments
 def follow_isoline(
     orbit: Orbit | Entry,
     function: Function,
@@ -157,6 +158,7 @@ def _number(found: object) -> float:
 # How the place of a bifurcation moves with a second parameter, to first order.
 
 
+@explain_arguments
 def sensitivity(entry: Entry, parameter: str, model: Model | None = None) -> float:
     """Return the derivative of an event's parameter value with respect to another parameter.
 

@@ -31,7 +31,7 @@ from ..continuation.walk import (
     other_way,
     retry_interrupted,
 )
-from ..errors import InputError, each_once, short_repr
+from ..errors import InputError, each_once, explain_arguments, short_repr
 from ..models.model import Model, Symmetry
 from ..models.word import Word
 from ..orbits.multipliers import count_unstable
@@ -273,6 +273,7 @@ UserEvent = tuple[str, Callable[[Orbit], float]]
 Callback = Callable[[Point], bool | None]
 
 
+@explain_arguments
 def continue_orbit(
     orbit: Orbit | Entry | Event | Point | tuple[Branch | Diagram, int | str],
     parameter: str | None = None,
@@ -620,6 +621,7 @@ def walk_both_ways(
 # From an event to the branch that is born there.
 
 
+@explain_arguments
 def continue_born(
     entry: Entry,
     model: Model | None = None,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import InputError, short_repr
+from ..errors import InputError, explain_arguments, short_repr
 from ..models.guards import graph
 from ..models.model import Model
 from ..models.word import Word, parse_word, repetitions
@@ -254,6 +254,7 @@ def orbits_at_start(scene: Scene, kernels: Kernels, word: Word) -> list[Orbit]:
 # The public search for orbits of a word: from random starts, and by simulation.
 
 
+@explain_arguments
 def find_orbits(
     model: Model,
     word: str | Word,

@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
+from ..errors import explain_arguments
+
 FEW = 2
 """Guards of which impacts are counted; of more the counts hardly tell a word."""
 
@@ -122,6 +124,7 @@ class Guard:
         return tuple(self.coordinate)
 
 
+@explain_arguments
 @dataclass(frozen=True)
 class Wall(Guard):
     """A rigid wall: a guard that leads back to the mode it ends.

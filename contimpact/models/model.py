@@ -16,7 +16,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Never, Self, TypeAlias
 
-from ..errors import InputError, did_you_mean, missing, short_repr
+from ..errors import InputError, did_you_mean, explain_arguments, missing, short_repr
 from .expressions import CONSTANTS, FUNCTIONS, check_expression, names_in, number, values_of
 from .guards import FEW, guard_of, orders_of, slides_at
 from .guards import Guard as Guard
@@ -322,6 +322,7 @@ FREE = "free"
 """The option `period` of a system that has no forcing at its values."""
 
 
+@explain_arguments
 @dataclass(frozen=True)
 class Parameter:
     """A physical parameter: its default, unit and the values it may take.
@@ -385,6 +386,7 @@ Acceleration: TypeAlias = Callable[[Any, State, State], State]
 Harmonics: TypeAlias = tuple[Any, Sequence[tuple[int, Any, Any]]]
 
 
+@explain_arguments
 @dataclass(frozen=True)
 class Formulas:
     """A system's mathematics in SymPy.
@@ -433,6 +435,7 @@ class Formulas:
     mass: Sequence[Sequence[Any]] | Mapping[str, Sequence[Sequence[Any]]] | None = None
 
 
+@explain_arguments
 @dataclass(frozen=True)
 class Geometry:
     """What pictures that move draw of a machine beside its coordinates and guards.
@@ -460,6 +463,7 @@ class Geometry:
     turning: bool = False
 
 
+@explain_arguments
 @dataclass(frozen=True)
 class Symmetry:
     """A map of orbits to orbits: walls exchanged, time shifted, section coordinates multiplied.

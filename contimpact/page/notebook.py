@@ -6,7 +6,7 @@ import html
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..errors import InputError, printable, short_repr
+from ..errors import InputError, explain_arguments, printable, short_repr
 from ..models.model import Model
 from ..results.branch import Branch, model_at
 from ..results.diagram import Diagram
@@ -58,6 +58,7 @@ class NotebookPage:
         write(Path(path), self.text)
 
 
+@explain_arguments
 def view(
     diagram: Diagram | Branch,
     model: Model | None = None,

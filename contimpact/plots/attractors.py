@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..errors import explain_arguments
 from ..orbits.orbit import Orbit
 from ..results.branch import Branch
 from ..results.diagram import Diagram
@@ -281,6 +282,7 @@ ROOM = 0.09
 SPOTS = (*style.COLOURS, "#56B4E9", "#D0B000", "0.45")
 
 
+@explain_arguments
 def plot_sweep(
     sweep: Sweep,
     ax: Any = None,
@@ -507,6 +509,7 @@ def plot_exponents(sweep: Sweep, ax: Any = None, *, x: str | None = None, unit: 
     return ax
 
 
+@explain_arguments
 def plot_energy(
     sweep: Any,
     membrane: Any = None,
@@ -650,6 +653,7 @@ def plot_basins(found: Basins, ax: Any = None) -> Any:
     return ax
 
 
+@explain_arguments
 def plot_manifold(found: Manifold, ax: Any = None, *, wall: str | None = None) -> Any:
     """Draw a manifold, and its orbit, among the impacts on a wall.
 

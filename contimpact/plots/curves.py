@@ -28,7 +28,7 @@ from ..arrays import Array
 from ..bifurcations.codimension_two import MARKERS
 from ..bifurcations.declarations import CROSSINGS
 from ..bifurcations.registry import kind_of
-from ..errors import InputError, short_repr
+from ..errors import InputError, explain_arguments, short_repr
 from ..results.curve import (
     Area,
     Check,
@@ -202,6 +202,7 @@ class Panel:
     across: str
 
 
+@explain_arguments
 def plot_curves(
     curves: Curve | Sequence[Curve],
     axes: Any = None,
@@ -486,6 +487,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#B87400", "#56B4E9", "0.
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (4, 1.5, 1, 1.5)), (0, (1, 1.2)))
 
 
+@explain_arguments
 def plot_codim2(
     curves: Sequence[Curve], axes: Any = None, *, units: Mapping[str, str] | None = None
 ) -> Any:
@@ -616,6 +618,7 @@ class SweepLimits:
     source: str | None
 
 
+@explain_arguments
 def plot_transitions(
     curves: Sequence[Curve],
     sweeps: Sequence[Sweep],

@@ -24,7 +24,7 @@ from matplotlib.text import Text
 from matplotlib.transforms import ScaledTranslation
 
 from ..bifurcations.registry import kind_of
-from ..errors import InputError, short_repr
+from ..errors import InputError, explain_arguments, short_repr
 from ..results.branch import Branch, Entry
 from ..results.diagram import Diagram
 from ..results.entry_conversion import to_diagram
@@ -74,6 +74,7 @@ AXES = (1.0, 1.2, 5.9, 3.1)
 """A diagram's figure, and in it the axes (left, bottom, width, height), in inches."""
 
 
+@explain_arguments
 def plot_diagram(
     diagram: Diagram | Branch | Sequence[Branch],
     ax: Any = None,

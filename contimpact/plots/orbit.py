@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..bifurcations.registry import kind_of
-from ..errors import InputError
+from ..errors import InputError, explain_arguments
 from ..models.model import Model
 from ..orbits.orbit import Orbit
 from ..orbits.problem import positions
@@ -30,6 +30,7 @@ IMPACT: dict[str, Any] = {"marker": "o", "markerfacecolor": "white", "markersize
 TOUCH: dict[str, Any] = {"marker": kind_of("G").look.marker, "markersize": 6, "zorder": 6}
 
 
+@explain_arguments
 def plot_orbit(
     *orbits: Any,
     axes: Any = None,

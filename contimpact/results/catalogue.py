@@ -24,7 +24,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..continuation.ends import End, EndKind
-from ..errors import InputError
+from ..errors import InputError, explain_arguments
 from ..models.word import LONGEST_WORD
 from ..storage.files import (
     LARGEST_RECORD,
@@ -247,6 +247,7 @@ def _ends(records: Any, parameter: str) -> tuple[End, End]:
 # Folders and files.
 
 
+@explain_arguments
 def write_diagram(diagram: Diagram, folder: str | Path) -> list[str]:
     """Write catalogue, events and branches of a diagram.
 
@@ -421,6 +422,7 @@ def _table_text(head: Mapping[str, Any], columns: Mapping[str, Array]) -> str:
     return f"# {json_line(head)}\n" + csv_text(list(columns), rows, exact=True)
 
 
+@explain_arguments
 def load_entries(folder: str | Path) -> list[Entry]:
     """Read the entries of a saved catalogue, to start branches and curves from.
 
@@ -443,6 +445,7 @@ def load_entries(folder: str | Path) -> list[Entry]:
         return [entry_of(record) for record in content["entries"]]
 
 
+@explain_arguments
 def load_diagram(folder: str | Path) -> Diagram:
     """Read a folder written by `write_diagram`.
 

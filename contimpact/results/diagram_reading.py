@@ -26,6 +26,7 @@ from ..bifurcations.doubling import PD
 from ..bifurcations.fold import FB
 from ..bifurcations.grazing import G
 from ..continuation.ends import EndKind
+from ..errors import explain_arguments
 from .branch import UNKNOWN, Branch, Entry
 
 
@@ -192,6 +193,7 @@ class DiagramSurvey(Protocol):
         """Whether orbits were looked for across the range."""
 
 
+@explain_arguments
 def read(diagram: DiagramSurvey) -> Reading:
     """Read a diagram.
 
@@ -226,6 +228,7 @@ def read(diagram: DiagramSurvey) -> Reading:
     return Reading(stable, bistable, transitions, diagram.survey, unknown, crises, labels)
 
 
+@explain_arguments
 def stable_intervals(branch: Branch | DiagramSurvey) -> list[Interval]:
     """Return the runs of stable physical orbits of a branch.
 

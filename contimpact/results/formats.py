@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..bifurcations.registry import kind_of
-from ..errors import InputError
+from ..errors import InputError, explain_arguments
 from ..storage.files import Content, write, write_all, write_text
 from ..storage.texts import csv_text, fit_value, json_text, markdown_cell
 from .branch import Branch
@@ -20,6 +20,7 @@ from .result_folder import CATALOGUE, MANIFEST, WANTED, read_json, reading, sha2
 END_POINT = 9
 
 
+@explain_arguments
 def write_auto(branch: Branch, path: str | Path) -> None:
     """Write a branch as an AUTO-07p bifurcation file (``b.NAME``).
 
@@ -51,6 +52,7 @@ def write_auto(branch: Branch, path: str | Path) -> None:
     write_text(Path(path), "\n".join(lines) + "\n")
 
 
+@explain_arguments
 def write_mat(branch: Branch, path: str | Path) -> None:
     """Write the columns of a branch, and what it is, as a MATLAB file.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from ..errors import InputError, did_you_mean, short_repr
+from ..errors import InputError, did_you_mean, explain_arguments, short_repr
 from ..models.model import Model, Parameter
 from ..systems import SYSTEMS, summary, system
 
@@ -179,6 +179,7 @@ _COLUMN = 36
 """Where comments begin."""
 
 
+@explain_arguments
 def new_scene(name: str) -> str:
     """Return a commented scene to start from.
 

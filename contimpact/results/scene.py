@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..bifurcations.declarations import EVENTS, KINDS, SECOND
 from ..continuation.settings import Settings
-from ..errors import InputError, each_once, short_repr
+from ..errors import InputError, each_once, explain_arguments, short_repr
 from ..models.guards import graph
 from ..models.model import Model
 from ..models.word import Word, parse_word
@@ -404,6 +404,7 @@ class Scene:
         return words
 
 
+@explain_arguments
 def load_scene(path: str | Path, systems: Mapping[str, type[Model]] | None = None) -> Scene:
     """Read and validate a scene file.
 
@@ -474,6 +475,7 @@ def _named_range(name: str, limits: tuple[float, float]) -> dict[str, Any]:
     return {"parameter": name, "range": list(limits)}
 
 
+@explain_arguments
 def read_scene(given: Mapping[str, Any], systems: Mapping[str, type[Model]] | None = None) -> Scene:
     """Validate a scene given as nested mappings.
 

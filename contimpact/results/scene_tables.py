@@ -385,5 +385,5 @@ def read_plot(table: Table, model: Model, parameter: str) -> PlotOptions:
             )
     html = table.truth("html", False)
     table.finish()
-    given = limits["xlim"], limits["ylim"]
-    return PlotOptions(x, *given, formats=tuple(formats), html=html, **chosen)
+    drawn = tuple(formats)
+    return PlotOptions(x, limits["xlim"], limits["ylim"], formats=drawn, html=html, **chosen)

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from random import Random
 from typing import Any, TypeAlias
 
-from ..errors import InputError
+from ..errors import InputError, explain_arguments
 from ..models.equations import equations_of
 from ..models.guards import Guard, orders_of
 from ..models.model import Model, Symmetry
@@ -117,6 +117,7 @@ Agreements: TypeAlias = dict[tuple[str, int], Callable[..., Sequence[float]]]
 TRIALS = 3
 
 
+@explain_arguments
 def check_model(model: Model) -> list[str]:
     """Check that what a system states fits together.
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
+from ..errors import explain_arguments
 from ..models.word import Word, is_rotation
 from ..orbits.orbit import Orbit
 from ..orbits.quiet import problem_of
@@ -248,6 +249,7 @@ class Coverage:
         return asdict(self)
 
 
+@explain_arguments
 def cover(sweep: Sweep, diagram: Diagram, kernels: Kernels | None = None) -> Coverage:
     """Match the attractors of a sweep with the branches of a diagram.
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Array
-from ..errors import InputError, short_repr
+from ..errors import InputError, explain_arguments, short_repr
 from ..models.model import Model
 from ..orbits.orbit import Orbit
 from ..results.branch import Branch, Entry
@@ -28,6 +28,7 @@ __all__ = [
 ]
 
 
+@explain_arguments
 def energy(
     of: Orbit | Entry | Attractor | Branch, membrane: Membrane | None = None
 ) -> Energy | dict[str, Array]:
@@ -106,6 +107,7 @@ class Losses:
     mean per impact is zero."""
 
 
+@explain_arguments
 def losses(of: Orbit | Entry | Attractor, model: Model | None = None) -> Losses:
     """Return the kinetic energy that impacts take.
 

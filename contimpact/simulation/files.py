@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import __version__
-from ..errors import InputError, short_repr
+from ..errors import InputError, explain_arguments, short_repr
 from ..models.model import Model
 from ..orbits.orbit import Orbit
 from ..results.branch import Branch, Entry, model_by_name, orbit_with
@@ -329,6 +329,7 @@ LARGEST_KEPT = 2**30
 """Bytes of a file that are read."""
 
 
+@explain_arguments
 def save(result: Any, path: str | Path) -> None:
     """Write a result to a file, or a diagram to a folder; `load` reads it back.
 
@@ -358,6 +359,7 @@ def save(result: Any, path: str | Path) -> None:
         write_text(path, json_line({"schema": KEPT, **content}) + "\n")
 
 
+@explain_arguments
 def load(path: str | Path, model: Model | None = None) -> Any:
     """Read what `save` has written, or a folder of ``contimpact run``.
 

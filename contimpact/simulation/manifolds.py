@@ -27,7 +27,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..display import NotebookResult, Summary
-from ..errors import InputError
+from ..errors import InputError, explain_arguments
 from ..orbits.orbit import Orbit
 from ..results.branch import Entry
 from ..results.entry_conversion import to_orbit
@@ -171,6 +171,7 @@ class Manifold(NotebookResult):
         return f"<{head}: {points} points, {len(self.pieces)} pieces>"
 
 
+@explain_arguments
 def grow_manifold(
     orbit: Orbit | Entry, *, stable: bool = False, length: float = 5.0, spacing: float | None = None
 ) -> Manifold:

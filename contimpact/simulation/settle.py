@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg import eig
 
 from ..arrays import Array
-from ..errors import InputError
+from ..errors import InputError, explain_arguments
 from ..models.word import Word
 from ..results.simulate_tables import SETTLING, Settling
 from ..segments.flight import flight_gaps
@@ -282,6 +282,7 @@ _ENDS = {
 }
 
 
+@explain_arguments
 def settle(
     simulator: Simulator, state: State | None, settling: Settling = SETTLING, *, mode: str = ""
 ) -> Attractor:

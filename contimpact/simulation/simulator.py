@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..errors import InputError
+from ..errors import InputError, explain_arguments
 from ..models.model import Model
 from ..segments.kernels import Kernels
 from .automaton import Automaton, derivative_between, derivative_of_pair
@@ -39,6 +39,7 @@ RUNAWAY = 1e6
 resonance of a gain below it does. Where laws are not linear its flights take ever longer."""
 
 
+@explain_arguments
 class Simulator:
     """Simulates one model at fixed parameter values.
 

@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ..display import NotebookResult, Summary, frame, limit_lines
-from ..errors import InputError
+from ..errors import InputError, explain_arguments
 from ..models.model import Model
 from ..progress import Asked, progress_lines
 from ..results.simulate_tables import SETTLING, Settling
@@ -127,6 +127,7 @@ class Simulators:
         return Simulator(self.model.replace(**{self.parameter: value}), self.kernels)
 
 
+@explain_arguments
 def sweep(
     model: Model,
     parameter: str,

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from ..errors import explain_arguments
 from ..models.word import is_rotation
 from ..results.branch import Entry
 from ..results.diagram import Diagram
@@ -364,6 +365,7 @@ def changes(rows: Sequence[Row]) -> Iterator[tuple[Row, Row]]:
             yield before, after
 
 
+@explain_arguments
 def find_transitions(
     sweep: Sweep,
     width: float,

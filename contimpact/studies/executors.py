@@ -98,7 +98,7 @@ def refuse_to_start_again() -> None:
     from multiprocessing import current_process
 
     if getattr(current_process(), "_inheriting", False):  # until the script is loaded
-        raise SystemExit(1)
+        os._exit(1)
 
 
 def _end_processes(pool: Any) -> None:

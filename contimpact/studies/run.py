@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, explain_arguments
 from ..progress import Progress, ignore_progress
 from .executors import UNKNOWN, Workshop, processes, refuse_to_start_again
 from .outcome import Outcome, failure
@@ -97,6 +97,7 @@ class _Clock:
         return (time.monotonic() - self.since) / self.counted
 
 
+@explain_arguments
 def run_study(
     study: StudyFile,
     store: Store,

@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError, NotWrittenError, shorten
+from ..errors import InputError, NotWrittenError, explain_arguments, shorten
 from ..storage.files import hold_lock
 from .outcome import Outcome
 from .study_file import StudyFile
@@ -254,6 +254,7 @@ CLOSED = ("SQLITE_READONLY_DIRECTORY", "SQLITE_READONLY_CANTINIT", "SQLITE_CANTO
 _HEAD = b"SQLite format 3\0"
 
 
+@explain_arguments
 class Store:
     """A store that is open for writing.
 

@@ -20,7 +20,7 @@ import numpy as np
 from ..arrays import Array
 from ..bifurcations.declarations import SWITCHES
 from ..display import NotebookResult, Summary, frame
-from ..errors import InputError, short_repr
+from ..errors import InputError, explain_arguments, short_repr
 from ..models import expressions
 from ..models.word import is_rotation
 from ..results.scene import read_scene
@@ -344,6 +344,7 @@ WHOLE = "content"
 """The column of what is kept whole, compressed; it is no column of a selection."""
 
 
+@explain_arguments
 class Study(NotebookResult):
     """A study in a store, read lazily.
 

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..errors import InputError, short_repr
+from ..errors import InputError, explain_arguments, short_repr
 from ..models.expressions import values_of
 from ..results.options import LARGEST_SEED, Table
 from ..results.scene import Scene, read_scene, read_toml
@@ -252,6 +252,7 @@ class StudyFile:
         return hashlib.sha256(text.encode()).hexdigest()
 
 
+@explain_arguments
 def load_study(path: str | Path) -> StudyFile:
     """Read and validate a study file.
 
@@ -275,6 +276,7 @@ def load_study(path: str | Path) -> StudyFile:
     return read_study(given)
 
 
+@explain_arguments
 def read_study(given: Mapping[str, Any]) -> StudyFile:
     """Validate a study given as nested mappings.
 

@@ -6,7 +6,7 @@ import importlib
 from collections.abc import Mapping
 from typing import Any
 
-from ..errors import InputError, did_you_mean, short_repr
+from ..errors import InputError, did_you_mean, explain_arguments, short_repr
 from ..models.model import Model
 
 SYSTEMS = {
@@ -58,6 +58,7 @@ def system(
     return kind
 
 
+@explain_arguments
 def list_systems() -> dict[str, type[Model]]:
     """Return the systems that scenes can name, with their classes.
 

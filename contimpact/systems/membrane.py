@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
-from ..errors import InputError
+from ..errors import InputError, explain_arguments
 
 if TYPE_CHECKING:
     from ..arrays import Array
@@ -26,6 +26,7 @@ STEEL = 7850.0
 RADIUS = 5.0e-3
 
 
+@explain_arguments
 @dataclass(frozen=True)
 class Membrane:
     """Membranes and ball of the energy harvester.
