@@ -105,9 +105,12 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 def explain_arguments(function: Call) -> Call:
-    """Return a function, or a class, that answers arguments it does not take with those it does."""
+    """Return a function, or a class, that answers arguments it does not take with those it does,
+    and what cannot be used instead of an argument with what it takes there."""
     if isinstance(function, type):
-        function.__init__ = explain_arguments(function.__init__)  # type: ignore[misc]
+        for name, member in list(vars(function).items()):
+            if callable(member) and (name == "__init__" or name[0].islower()):
+                setattr(function, name, explain_arguments(member))
         return function
 
     @functools.wraps(function)
@@ -118,6 +121,9 @@ def explain_arguments(function: Call) -> Call:
             if error.__traceback__ is None or error.__traceback__.tb_next is not None:
                 raise  # from within
             raise TypeError(_arguments_text(function, named, error)) from None
+        except AttributeError as error:
+            owner = getattr(error, "owner", error.obj)
+            raise _unusable_argument(function, given, named, owner) or error from None
 
     return explained  # type: ignore[return-value]
 
@@ -131,11 +137,33 @@ def _arguments_text(function: Callable[..., Any], named: Iterable[str], error: T
     unknown = next((name for name in named if name not in known), None)
     found = str(error).replace(".__init__()", "()")
     if unknown is not None:
-        found = f"{shown}() has no argument {unknown!r}{did_you_mean(unknown, known)}"
+        other = GUESSED.get(unknown, unknown)
+        hint = f" (did you mean {other!r}?)" if other in known else did_you_mean(unknown, known)
+        found = f"{shown}() has no argument {unknown!r}{hint}"
     return f"{found}; it takes {', '.join(known) or 'none'}"
 
 
+def _unusable_argument(
+    function: Callable[..., Any], given: Sequence[Any], named: Mapping[str, Any], owner: Any
+) -> InputError | None:
+    """The error for an argument of another type than declared, if it is what lacks something."""
+    import inspect
+    import re
+
+    signature = inspect.signature(function)
+    for name, value in signature.bind(*given, **named).arguments.items():
+        declared = str(signature.parameters[name].annotation)
+        types = {kind.__name__ for kind in type(value).__mro__[:-1]} | {"Any"}
+        if value is owner and owner is not None and not types & {*re.findall(r"\w+", declared)}:
+            return InputError(name, f"found {short_repr(value)}", f"give {declared}")
+    return None
+
+
 GUESSED = {
+    "seed": "rng",
+    "limits": "range",
+    "ds": "settings",
+    "max_step": "settings",
     "run": "follow",
     "follow": "continue_orbit",
     "continue_": "continue_orbit",
@@ -174,8 +202,10 @@ def missing(one: Any, name: str) -> AttributeError:
     elif other in public:
         hint = f"; call contimpact.{other}({kind.lower()}, ...)"
     else:
-        hint = did_you_mean(name, (known for known in dir(type(one)) if known[0] != "_"))
-    return AttributeError(f"{kind!r} object has no attribute {name!r}{hint}", name=name, obj=None)
+        hint = did_you_mean(name, (known for known in dir(type(one)) if known[0].islower()))
+    error = AttributeError(f"{kind!r} object has no attribute {name!r}{hint}", name=name, obj=None)
+    error.owner = one  # type: ignore[attr-defined]
+    return error
 
 
 def _has(one: Any, name: str) -> bool:

@@ -174,6 +174,8 @@ def sweep(
     if start is None:
         found = "None: the motion meets no wall"
         raise InputError("start", found, "give an impact, or leave it out for one at random")
+    if not isinstance(values, Iterable):
+        raise InputError("values", f"found {values!r}", "give the values to sweep, in their order")
     first = None if isinstance(start, str) else start
     simulators = Simulators(model, parameter, kernels)
     result = Sweep(model, parameter, [])
