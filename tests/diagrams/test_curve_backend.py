@@ -104,7 +104,9 @@ def test_what_is_left_to_dense_linear_algebra():
 
 def test_a_process_that_has_computed_much_else_compiles_no_short_curve(entries, monkeypatch):
     monkeypatch.setenv("CONTIMPACT_COMPILED", "auto")
+    monkeypatch.setattr(compiling, "PAYS_AFTER", 1e6)
     monkeypatch.setattr(compiling, "_SPENT", defaultdict(float, {("another",): 1e9}))
+    monkeypatch.setattr(compiling, "_EXPECTED", [0.0])
     monkeypatch.setattr(compiling, "_compile_program", lambda *given: pytest.fail("it compiles"))
     follow_curve(entries["G"], MODEL, "r", *RANGES, kernels=PAIRS)
 
