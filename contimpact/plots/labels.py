@@ -376,22 +376,21 @@ def name_walls(ax: Any, pieces: Sequence[Piece], colours: Mapping[str, str]) -> 
     """Write each wall's name to the right of the curves that belong to it; longer names stand in
     the legend alone."""
     apart = 0.06 * float(np.ptp(ax.get_ylim()))
-    taken: list[float] = []
+    right, wide = ax.get_xlim()[1], float(np.ptp(ax.get_xlim()))
+    names = []
     for wall, colour in colours.items():
         own = [p for p in pieces if p.series == wall] if len(wall) == 1 else []
         physical = [p for p in own if p.style != "unphysical"]
-        spots = _rightmost(ax, physical) or _rightmost(ax, own)
-        if not spots:
-            continue
-        place, speed = spots[0]
-        while any(abs(speed - other) < apart for other in taken):
-            speed += apart
-        taken.append(speed)
+        names += [(v, x, wall, colour) for x, v in _rightmost(ax, physical) or _rightmost(ax, own)]
+    lowest = -np.inf
+    for speed, place, wall, colour in sorted(names):
+        lowest = max(speed, lowest + apart)
         look = {"fontsize": 9, "fontweight": "bold", "color": colour, "gid": "wall"}
         offset: dict[str, Any] = {"textcoords": "offset points", "annotation_clip": False}
         offset |= {"path_effects": HALO, "zorder": 6}
-        beside = (5, 0) if place > ax.get_xlim()[1] - 1e-3 * np.ptp(ax.get_xlim()) else (3, 7)
-        ax.annotate(wall, (place, speed), beside, ha="left", va="center", **offset, **look)
+        beside = right - place < 0.03 * wide  # a letter would lie on the frame
+        spot, shift = ((right, lowest), (5, 0)) if beside else ((place, lowest), (3, 7))
+        ax.annotate(wall, spot, shift, ha="left", va="center", **offset, **look)
 
 
 def _rightmost(ax: Any, pieces: Sequence[Piece]) -> list[tuple[float, float]]:

@@ -58,7 +58,8 @@ def save_map(
 ) -> list[str]:
     """Save a map as ``<study>-<quantity>.<format>``; returns the names."""
     ax = plot_map(shown, units=units)
-    write_heading(ax.figure, f"{plain_text(shown.study)}: {plain_text(shown.text, 80)}")
+    text = f": {plain_text(shown.text, 80)}" if shown.named else ""  # else at the colour bar
+    write_heading(ax.figure, plain_text(shown.study) + text)
     stem = file_stem(shown)
     return save_figure(ax.figure, Path(folder), stem, formats, stem)
 
@@ -97,12 +98,15 @@ def _draw_numbers(ax: Any, shown: Map) -> list[Any]:
         most = float(np.max(np.abs(finite)))
         options = {"cmap": "RdBu_r", "vmin": -most, "vmax": most}
     drawn = _draw(ax, shown, shown.values, options)
-    ax.figure.colorbar(drawn, ax=ax)
+    ax.figure.colorbar(drawn, ax=ax, label=plain_text(shown.text, 60))
+    unknown = len(shown.values) - len(finite)
+    white: dict[str, Any] = {"facecolor": "w", "edgecolor": "0.6"}
+    handles: list[Any] = [Patch(**white, label=f"no value  ({unknown})")] if unknown else []
     grid = shown.grid() if signed else None
     if grid is None:
-        return []
+        return handles
     ax.contour(*grid, levels=[0.0], colors="k", linewidths=2.4, alpha=0.35)
-    return [Line2D([], [], color="k", lw=2.4, alpha=0.35, label="zero of the map")]
+    return [Line2D([], [], color="k", lw=2.4, alpha=0.35, label="zero of the map"), *handles]
 
 
 def _draw(ax: Any, shown: Map, numbers: Any, options: Mapping[str, Any]) -> Any:
