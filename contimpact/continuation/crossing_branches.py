@@ -29,6 +29,9 @@ NARROWING, GLANCES = 12, 2
 """How often a step is halved towards the place where its orientation flips, and where it does
 not."""
 
+EVENLY = 0.05
+"""How well one factor describes how the orientation changes along an arc."""
+
 SHARP, SHORT, ROUNDED = 0.1, 0.02, 4.0
 """Where another branch passes: the residual a point may have as a part of nu, and the shortest step
 as a part of the turn's radius; where it crosses: the residual as a part of the error of nu."""
@@ -131,6 +134,21 @@ def reaches(arc: Arc, meeting: Meeting) -> bool:
     return arc.holds(meeting.unknowns) or meeting.hides(arc.right, arc.scale)
 
 
+def decays(arc: Arc) -> bool:
+    """Whether the orientation changes by one factor all along an arc, as that of long words does,
+    which is a product over all flights: then it was not about to vanish.
+
+    Where branches cross, it falls towards the crossing in proportion to the distance, and no such
+    fall on one side and rise on the other has these values at both places.
+    """
+    left, right = arc.left.orientation, arc.right.orientation
+    for part in (0.25, 0.5):
+        point, expected = arc.at(part), left * (right / left) ** part
+        if point is None or not abs(point.orientation - expected) <= EVENLY * abs(expected):
+            return False
+    return True
+
+
 @dataclass(eq=False)
 class MeetingRecord:
     """The meetings of branches a walk has come to, and had to be careful at.
@@ -170,7 +188,7 @@ class MeetingRecord:
     def dipped(self, arc: Arc) -> RefusalDetails | None:
         """The same where it does not: the step is short, or no meeting lies on it."""
         found = self.met(arc)
-        if found is None and self.find is not None:
+        if found is None and self.find is not None and not decays(arc):
             found = meeting_on(arc, self.find, GLANCES)
         if found is None:
             return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -14,9 +15,13 @@ from contimpact.bifurcations.registry import test_functions as functions
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.orbit_branch import continue_born, continue_orbit, walk_both_ways
+from contimpact.diagrams.orbit_walks import walk_orbits
 from contimpact.errors import InputError
+from contimpact.models.word import Word
+from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
 from contimpact.results.branch import Branch
+from contimpact.segments.kernels import Kernels
 from contimpact.systems.impact_pair import ImpactPair
 
 
@@ -340,3 +345,33 @@ def test_an_entry_of_another_model_is_refused(fig7):
         continue_born(entry, split, (0.08, 1.05))
     with pytest.raises(InputError, match="nothing is born"):
         continue_born(None, other, (0.08, 1.05))
+
+
+def test_a_long_word_is_not_taken_for_a_crossing_at_each_step(monkeypatch):
+    """Its orientation, a product over all flights, halves at each step, as evenly as it does not
+    before a crossing; each search for one solves dense systems of three times as many unknowns."""
+    from contimpact.continuation import crossing_branches
+
+    searches = []
+    search = crossing_branches.meeting_on
+    monkeypatch.setattr(
+        crossing_branches, "meeting_on", lambda *args: searches.append(1) or search(*args)
+    )
+    model = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.72)
+    once = next(o for o in find_orbits(model, "1:1", parameter="s") if o.stable)
+    times = 60
+    columns = np.reshape(once.unknowns[:-1], (2, 2))
+    unknowns = [columns + np.array([2.0 * k, 0.0]) for k in range(times)]
+    problem = OrbitProblem(model, Word("BT" * times, times), Kernels(model, "s"))
+    walked = walk_orbits(
+        problem,
+        np.append(np.ravel(unknowns), once.unknowns[-1]),
+        -1,
+        limits=(0.4, 0.75),
+        tests=functions(problem, ("FB", "BP"), {}),
+        settings=Settings(step=0.01, max_step=0.01, max_points=12),
+    )
+    assert len(walked.points) == 12
+    values = [point.orientation for point in walked.points]
+    assert all(0.0 < after / before < 0.6 for before, after in itertools.pairwise(values))
+    assert not searches
