@@ -33,7 +33,7 @@ from ..models.word import Word
 from ..orbits.orbit import Orbit
 from ..orbits.search import solve_near
 from ..progress import Asked
-from ..results.branch import Branch
+from ..results.branch import Branch, Entry
 from ..results.diagram import Diagram
 from ..results.entry_conversion import entry_of, pairs_of
 from ..results.options import CURVE_SETTINGS
@@ -50,10 +50,14 @@ from ..simulation.simulator import Simulator, has_several_coordinates
 from ..simulation.sweep import Row, Sweep, sweep
 from ..simulation.transitions import all_changes
 from ..storage.texts import Json, json_text
-from .orbit_branch import tabulate
+from .orbit_branch import continue_orbit, tabulate
 
 CR = "CR"
 """Kind of their entries."""
+ENDS = ("FB", "PD", "G")
+"""Kinds of events at which the motion that takes over may begin to be stable."""
+TAKEOVER = ("label", "notation", "value", "error")
+"""What ``crises.json`` has of such an event."""
 CRISES = "contimpact.crises/1"
 """Schema of ``crises.json``."""
 
@@ -184,6 +188,8 @@ class NoCrisis:
     """Why no crisis was located."""
 
     reason: str
+    entry: Entry | None = None
+    """The event from which on the periodic motion that takes over is stable, if there is one."""
 
     def __str__(self) -> str:
         return f"no crisis: {self.reason}"
@@ -277,7 +283,8 @@ def find_crises(
     -------
     list of Crisis or NoCrisis
         One for each pair of neighbouring values between which complex motion gives way to another
-        one: the crisis between them that is met first, or why there is none.
+        one: the crisis between them that is met first; or else the event from which on the motion
+        that takes over is stable, or why neither was found.
     """
     found: list[Crisis | NoCrisis] = []
     kernels = Kernels(sweep.model, sweep.parameter)
@@ -300,23 +307,56 @@ def find_crises(
         if met:
             found.append(min(met, key=lambda c: abs(c.value - before.value)))
             continue
-        words = ", ".join(sorted({orbit.notation for orbit, _ in orbits})) or "none"
-        found.append(
-            NoCrisis(
-                f"{before.attractor.notation} ends between {sweep.parameter} = {before.value:.9g} "
-                f"and {after.value:.9g} ({before.direction}), at no crisis that was found of the "
-                f"unstable orbits followed there: {words}"
-            )
+        end = (
+            f"{before.attractor.notation} ends between {sweep.parameter} = {before.value:.9g} "
+            f"and {after.value:.9g} ({before.direction})"
         )
+        entry, beyond = _takeover(sweep, before, after)
+        if entry is None:
+            words = ", ".join(sorted({orbit.notation for orbit, _ in orbits})) or "none"
+            beyond += (
+                f"; at no crisis that was found of the unstable orbits followed there: {words}"
+            )
+        found.append(NoCrisis(end + beyond, entry))
     return found
+
+
+def _takeover(sweep: Sweep, before: Row, after: Row) -> tuple[Entry | None, str]:
+    """Return where the periodic motion after an end begins to be stable, and a text of it.
+
+    The motion is followed back to the value before. A fold there, or a grazing, leaves complex
+    motion of its own behind it (intermittency), and a period doubling is the last of a cascade.
+    """
+    motion, parameter = after.attractor, sweep.parameter
+    if motion.kind is not Kind.PERIODIC or not motion.word:
+        return None, ""
+    low, high = sorted((before.value, after.value))
+    try:
+        orbit = motion.orbit(sweep.model, parameter)
+        branch = continue_orbit(orbit, range=(low, high), events=ENDS, unphysical=False)
+    except InputError:  # the motion does not close as an orbit to the digits of one
+        return None, ""
+    first, last = (int(np.argmin(np.abs(branch[parameter] - row.value))) for row in (after, before))
+    ends = [e for e in branch.events if not e.ghost]
+    if not ends:
+        reached = branch[parameter][last] == before.value and branch.stable[last]
+        both = f", where {motion.notation}, which takes over, is stable on both sides"
+        return None, both if reached else ""
+    entry = min(ends, key=lambda e: abs(e.arclength - branch["arclength"][first]))
+    place = f"{parameter} = {entry.value:.9g} (+- {entry.error:.1g})"
+    return entry, f", where {motion.notation} takes over, stable from {entry.label} at {place}"
 
 
 def crises_text(found: Sequence[Crisis | NoCrisis], parameter: str) -> str:
     """Return ``crises.json``."""
     crises = [crisis.as_record() for crisis in found if isinstance(crisis, Crisis)]
-    without = [none.reason for none in found if isinstance(none, NoCrisis)]
+    others = [none for none in found if isinstance(none, NoCrisis)]
+    takeovers: list[Json] = [
+        {**{k: getattr(n.entry, k) for k in TAKEOVER}, "text": n.reason} for n in others if n.entry
+    ]
+    without = [none.reason for none in others if none.entry is None]
     head: dict[str, Json] = {"schema": CRISES, "parameter": parameter}
-    return json_text({**head, "crises": crises, "unexplained": without})
+    return json_text({**head, "crises": crises, "takeovers": takeovers, "unexplained": without})
 
 
 # Crises as entries of a diagram.
@@ -347,7 +387,7 @@ def add_crises(diagram: Diagram, found: Sequence[Crisis | NoCrisis]) -> Diagram:
             branches[one.branch] = _with_entry(branches[one.branch], one, f"e{number}")
             known.append(one)
     statistics = dict(diagram.statistics)
-    without = [str(none) for none in found if isinstance(none, NoCrisis)]
+    without = [str(none) for none in found if isinstance(none, NoCrisis) and none.entry is None]
     statistics["notes"] = [*statistics.get("notes", ()), *without]
     return replace(diagram, branches=list(branches.values()), statistics=statistics)
 

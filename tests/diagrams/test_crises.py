@@ -216,6 +216,28 @@ def test_an_end_without_a_crisis_is_reported(swept):
     assert json.loads(crises_text([found], "s"))["unexplained"] == [found.reason]
 
 
+@pytest.mark.parametrize(
+    ("values", "word", "label"),
+    [((14.2575, 14.29), "3:2", "FB"), ((12.66, 12.56), "2:1", "PD"), ((14.2575, 14.16), "", "G")],
+)
+def test_an_end_without_a_crisis_has_the_event_of_the_motion_that_takes_over(values, word, label):
+    """In Fig. 8: a fold, the last doubling of a cascade, a grazing of an orbit of a long period."""
+    model = ImpactPair(beta=math.pi / 6, r=0.25, A=values[0], s=0.5)
+    found = sweep(model, "A", values)
+    (end,) = find_crises(found, Diagram("none", []))
+    assert isinstance(end, NoCrisis)
+    assert end.entry is not None
+    assert end.entry.kind == label
+    assert min(values) < end.entry.value < max(values)
+    orbit = found.rows[1].attractor.orbit(model, "A")
+    assert orbit.notation.startswith(word)
+    branch = continue_orbit(orbit, range=(5.0, 20.0), events=[label], settings={"max_step": 0.02})
+    assert min(abs(e.value - end.entry.value) for e in branch.events) < 1e-10
+    (record,) = json.loads(crises_text([end], "A"))["takeovers"]
+    assert (record["value"], record["text"]) == (end.entry.value, end.reason)
+    assert not add_crises(Diagram("none", []), [end]).statistics["notes"]
+
+
 def test_a_scene_needs_branches():
     with pytest.raises(InputError, match=r"simulate\.branches = true"):
         scene(simulate={"range": [0.35, 0.36], "crises": True})
