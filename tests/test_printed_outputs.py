@@ -72,9 +72,10 @@ def test_the_first_run_prints_what_is_shown(page, fig7):
 
 
 def test_python_prints_what_is_shown():
-    """The page's script up to what it prints of a branch, and the message of a mistake."""
+    """The page's script up to what it prints of noise, and the message of a mistake."""
     script = blocks("docs/python.md", "python")
-    begun, mistake = script[:3], script[-1]
+    last = next(k for k, block in enumerate(script) if "fluctuations" in block)
+    begun, mistake = script[: last + 1], script[-1]
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
         exec(compile("\n".join([*begun, mistake]), "docs/python.md", "exec"), {})

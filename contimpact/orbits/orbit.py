@@ -14,6 +14,7 @@ from ..errors import InputError
 from ..models.model import Model
 from ..models.word import Word, name_orbit
 from ..segments.kernels import Kernels
+from .noise import Fluctuations, fluctuations_of
 from .problem import Linearisation, OrbitProblem, Path, motion_of, path_of
 from .quiet import problem_of
 
@@ -191,6 +192,29 @@ class Orbit(NotebookResult):
             For a parameter the model does not have, or an orbit at a fold or a branch point.
         """
         return sensitivity_of(self, parameter)
+
+    def fluctuations(self, noise: Mapping[str, float]) -> Fluctuations:
+        """Return what small noise makes of a stable orbit, to first order.
+
+        Parameters
+        ----------
+        noise : mapping of str to float
+            Standard deviations of parameters, each drawn anew at each impact, for the restitution
+            there and the flight that follows.
+
+        Returns
+        -------
+        Fluctuations
+            Covariances of the impacts, and how many standard deviations the orbit is from a touch
+            of a wall and from an impact's vanishing. Beside a grazing it says that first order is
+            not enough.
+
+        Raises
+        ------
+        InputError
+            For an orbit that is not physical and stable, has no impacts, or a free period.
+        """
+        return fluctuations_of(self.linearisation, noise)
 
     def to_dataframe(self) -> DataFrame:
         """Return the impacts as a pandas DataFrame, a row for each; pandas must be installed."""
