@@ -24,7 +24,7 @@ from ..bifurcations.crisis import (
 )
 from ..bifurcations.extended_system import EPSILON
 from ..continuation.branch import Event, Point, Points
-from ..continuation.ends import End
+from ..continuation.ends import End, EndKind
 from ..continuation.settings import Settings
 from ..continuation.walk import walk
 from ..errors import InputError, explain_arguments
@@ -33,7 +33,7 @@ from ..models.word import Word
 from ..orbits.orbit import Orbit
 from ..orbits.search import solve_near
 from ..progress import Asked
-from ..results.branch import Branch, Entry
+from ..results.branch import Branch, Entry, orbit_with
 from ..results.diagram import Diagram
 from ..results.entry_conversion import entry_of, pairs_of
 from ..results.options import CURVE_SETTINGS
@@ -56,6 +56,8 @@ CR = "CR"
 """Kind of their entries."""
 ENDS = ("FB", "PD", "G")
 """Kinds of events at which the motion that takes over may begin to be stable."""
+AWAY = 1e-4
+"""Arclength from a period doubling within which that is not another event."""
 TAKEOVER = ("label", "notation", "value", "error")
 """What ``crises.json`` has of such an event."""
 CRISES = "contimpact.crises/1"
@@ -314,9 +316,7 @@ def find_crises(
         entry, beyond = _takeover(sweep, before, after)
         if entry is None:
             words = ", ".join(sorted({orbit.notation for orbit, _ in orbits})) or "none"
-            beyond += (
-                f"; at no crisis that was found of the unstable orbits followed there: {words}"
-            )
+            beyond += f"; no crisis was found of the unstable orbits followed there: {words}"
         found.append(NoCrisis(end + beyond, entry))
     return found
 
@@ -328,23 +328,48 @@ def _takeover(sweep: Sweep, before: Row, after: Row) -> tuple[Entry | None, str]
     motion of its own behind it (intermittency), and a period doubling is the last of a cascade.
     """
     motion, parameter = after.attractor, sweep.parameter
+    if motion.kind is Kind.NOT_SETTLED:
+        return None, ", where motion has not settled: simulate it longer"
+    text = f", where {motion.notation} takes over"
     if motion.kind is not Kind.PERIODIC or not motion.word:
-        return None, ""
-    low, high = sorted((before.value, after.value))
+        return None, text
     try:
-        orbit = motion.orbit(sweep.model, parameter)
-        branch = continue_orbit(orbit, range=(low, high), events=ENDS, unphysical=False)
-    except InputError:  # the motion does not close as an orbit to the digits of one
-        return None, ""
-    first, last = (int(np.argmin(np.abs(branch[parameter] - row.value))) for row in (after, before))
-    ends = [e for e in branch.events if not e.ghost]
-    if not ends:
-        reached = branch[parameter][last] == before.value and branch.stable[last]
-        both = f", where {motion.notation}, which takes over, is stable on both sides"
-        return None, both if reached else ""
-    entry = min(ends, key=lambda e: abs(e.arclength - branch["arclength"][first]))
-    place = f"{parameter} = {entry.value:.9g} (+- {entry.error:.1g})"
-    return entry, f", where {motion.notation} takes over, stable from {entry.label} at {place}"
+        orbit: Orbit | None = motion.orbit(sweep.model, parameter)
+        while orbit is not None:
+            low, high = sorted((before.value, orbit.value))
+            branch = continue_orbit(orbit, range=(low, high), events=ENDS, unphysical=False)
+            start = int(np.argmin(np.abs(branch[parameter] - orbit.value)))
+            begun = branch["arclength"][start]
+            apart = [(abs(e.arclength - begun), e) for e in branch.events if not e.ghost]
+            ends = [(away, e) for away, e in apart if away > AWAY]
+            if ends:
+                entry = min(ends, key=lambda end: end[0])[1]
+                place = f"{parameter} = {entry.value:.9g} (+- {entry.error:.1g})"
+                return entry, f"{text}, stable from {entry.label} at {place}"
+            last = int(np.argmin(np.abs(branch[parameter] - before.value)))
+            if branch[parameter][last] == before.value and branch.stable[last]:
+                return None, f"{text}, and is stable on both sides"
+            orbit = _halved(branch)
+            text += f", doubled from {orbit.notation}" if orbit else ""
+    except InputError as error:  # the motion does not close as an orbit to the digits of one
+        text += f" ({error})"
+    return None, text
+
+
+def _halved(branch: Branch) -> Orbit | None:
+    """The orbit of half the period in which a branch ends; None if it does not."""
+    rows = [
+        row for row, end in zip((0, -1), branch.ends, strict=True) if end.kind is EndKind.SHORTER
+    ]
+    half, odd = divmod(branch.period, 2)
+    if not rows or odd:
+        return None
+    orbit = branch.orbit(rows[0] % len(branch))
+    count = len(branch.word) // 2 * orbit.problem.m
+    unknowns = np.append(orbit.unknowns[:count], orbit.unknowns[-1])
+    return orbit_with(
+        orbit.model, (branch.word[: len(branch.word) // 2], half), branch.parameter, unknowns
+    )
 
 
 def crises_text(found: Sequence[Crisis | NoCrisis], parameter: str) -> str:

@@ -218,7 +218,11 @@ def test_an_end_without_a_crisis_is_reported(swept):
 
 @pytest.mark.parametrize(
     ("values", "word", "label"),
-    [((14.2575, 14.29), "3:2", "FB"), ((12.66, 12.56), "2:1", "PD"), ((14.2575, 14.16), "", "G")],
+    [
+        ((14.2575, 14.29), "3:2", "FB"),
+        ((12.66, 12.56), "2:1", "PD"),
+        ((14.2575, 14.16), "(7:5)", "G"),
+    ],
 )
 def test_an_end_without_a_crisis_has_the_event_of_the_motion_that_takes_over(values, word, label):
     """In Fig. 8: a fold, the last doubling of a cascade, a grazing of an orbit of a long period."""
@@ -236,6 +240,18 @@ def test_an_end_without_a_crisis_has_the_event_of_the_motion_that_takes_over(val
     (record,) = json.loads(crises_text([end], "A"))["takeovers"]
     assert (record["value"], record["text"]) == (end.entry.value, end.reason)
     assert not add_crises(Diagram("none", []), [end]).statistics["notes"]
+
+
+def test_an_end_in_a_cascade_has_the_event_of_the_orbit_that_was_doubled():
+    model = ImpactPair(beta=math.pi / 3, r=0.3, A=5.0, s=0.42)
+    found = sweep(model, "s", [0.42, 0.415])
+    assert [row.attractor.notation for row in found.rows] == ["1:1/C", "(6:4)/4T"]
+    (end,) = find_crises(found, Diagram("none", []))
+    assert "(6:4)/4T takes over, doubled from (3:2)/2T, stable from FB" in str(end)
+    orbits = find_orbits(model.replace(s=0.4155), "BTBBT/2T", parameter="s")
+    stable = next(o for o in orbits if o.stable)
+    branch = continue_orbit(stable, range=(0.41, 0.42), events=["FB"])
+    assert min(abs(e.value - end.entry.value) for e in branch.events) < 1e-12
 
 
 def test_a_scene_needs_branches():

@@ -1,0 +1,76 @@
+"""List every end of complex motion in the sweeps of Figs. 8 and 10, and what explains it.
+
+    python docs/figures/ends.py
+
+Writes ``ends.csv.xz`` beside this file, and prints how many ends there are of each kind; takes
+about ten minutes.
+"""
+
+import csv
+import io
+import lzma
+import tempfile
+import tomllib
+from collections import Counter
+from pathlib import Path
+
+from contimpact.diagrams.crises import Crisis, find_crises
+from contimpact.diagrams.explore import follow
+from contimpact.diagrams.scene_simulation import simulate
+from contimpact.results.scene import read_scene
+
+HERE = Path(__file__).parent
+BRANCHES = HERE.parents[1] / "branches"
+SCENES = {
+    "8": "fig8/scene.toml",
+    "10a": "fig10/a.toml",
+    "10b": "fig10/b.toml",
+    "10c": "fig10/c.toml",
+}
+COLUMNS = ("figure", "r", "kind", "label", "value", "error", "text")
+UNUSED = ("study", "energy", "plot")
+
+
+def scenes(figure):
+    """Yield the figure's scene at each of its restitutions, followed more deeply."""
+    given = tomllib.loads((BRANCHES / SCENES[figure]).read_text("utf-8"))
+    grid = given.get("study", {}).get("grid", {}).get("r")
+    data = {name: table for name, table in given.items() if name not in UNUSED}
+    data["follow"] |= {"switch": ["G", "PD"], "depth": 2, "survey": True, "max_branches": 16}
+    simulated = {n: v for n, v in data["simulate"].items() if n != "portraits"}
+    data["simulate"] = simulated | {"transitions": False, "branches": False}
+    count = grid["count"] if grid else 1
+    for k in range(count):
+        if grid:
+            r = grid["from"] + (grid["to"] - grid["from"]) * k / (count - 1)
+            data["model"]["parameters"]["r"] = round(r, 12)
+        yield read_scene(data)
+
+
+def rows(figure):
+    """Yield a row for each end of complex motion."""
+    for scene in scenes(figure):
+        with tempfile.TemporaryDirectory() as folder:
+            sweep = simulate(scene, Path(folder)).sweep
+        r = scene.model.values["r_B"] if "r_B" in scene.model.values else scene.model.values["r"]
+        for found in find_crises(sweep, follow(scene)):
+            if isinstance(found, Crisis):
+                yield figure, r, "CR", found.label, found.value, found.error, str(found)
+            elif found.entry:
+                entry = found.entry
+                yield figure, r, entry.kind, entry.label, entry.value, entry.error, found.reason
+            else:
+                yield figure, r, "", "", "", "", found.reason
+
+
+def main():
+    """Write the table."""
+    found = [row for figure in SCENES for row in rows(figure)]
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([COLUMNS, *found])
+    (HERE / "ends.csv.xz").write_bytes(lzma.compress(text.getvalue().encode()))
+    print(len(found), Counter(kind for _, _, kind, *_ in found))
+
+
+if __name__ == "__main__":
+    main()
