@@ -61,6 +61,7 @@ if TYPE_CHECKING:
     from .simulation.energy import losses as losses
     from .simulation.files import load as load
     from .simulation.files import save as save
+    from .simulation.fractions import basin_fractions as basin_fractions
     from .simulation.manifolds import grow_manifold as grow_manifold
     from .simulation.settle import settle as settle
     from .simulation.simulator import Simulator as Simulator
@@ -153,6 +154,7 @@ _PLACES = {
     "settle": "simulation.settle",
     "sweep": "simulation.sweep",
     "find_transitions": "simulation.transitions",
+    "basin_fractions": "simulation.fractions",
     "grow_manifold": "simulation.manifolds",
     "cover": "simulation.basins",
     "load_study": "studies.study_file",

@@ -132,6 +132,8 @@ def _report_simulation(result: Simulation, folder: Path) -> None:
         parts = ", ".join(f"{a.notation} {share:.1%}" for a, share in shares)
         value = basin.parameters[result.scene.parameter]
         say(f"basins at {result.scene.parameter} = {value:.6g}: {parts}")
+    if result.fractions is not None:
+        say(repr(result.fractions))
     for note in result.notes:
         say(note)
     say(f"written to {folder} in {result.seconds['total']:.2f} s")

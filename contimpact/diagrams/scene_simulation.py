@@ -44,6 +44,7 @@ from ..storage.files import Content, write_all
 if TYPE_CHECKING:
     from ..results.diagram import Diagram
     from ..simulation.basins import Basins, Coverage
+    from ..simulation.fractions import BasinFractions
     from ..simulation.simulator import Simulator
     from .crises import Crisis, NoCrisis
 
@@ -57,6 +58,7 @@ STAGES = (
     "coverage",
     "portraits",
     "basins",
+    "fractions",
 )
 """After `swept` there are pictures: what follows may take long."""
 
@@ -76,6 +78,7 @@ class Simulation:
     portraits: list[Row] = field(default_factory=list)
     """Attractors at the values at which portraits are requested."""
     basins: list[Basins] = field(default_factory=list)
+    fractions: BasinFractions | None = None
     interrupted: str | None = None
     """The stage at which the run was interrupted."""
     stopped: str | None = None
@@ -337,6 +340,23 @@ class _Director:
                 basins(simulator, shape=shape, settling=settling, known=known, callback=report)
             )
 
+    def fractions(self) -> None:
+        options = self.options
+        if options.fractions:
+            from ..simulation.fractions import basin_fractions
+
+            self.result.fractions = basin_fractions(
+                self.scene.model,
+                self.scene.parameter,
+                options.fractions,
+                starts=options.fraction_starts,
+                box=options.box,
+                refine=options.refine,
+                settling=options.settling,
+                rng=options.seed,
+                progress=self.progress,
+            )
+
 
 def _key_of(pair: tuple[Row, Row]) -> tuple[str, float]:
     """What a change between two rows is known by."""
@@ -405,6 +425,10 @@ def write_simulation(result: Simulation, folder: Path) -> list[str]:
         from .crises import crises_text
 
         files["crises.json"] = partial(crises_text, result.crises, scene.parameter)
+    if result.fractions is not None:
+        from ..simulation.fractions import fractions_text
+
+        files["fractions.csv"] = partial(fractions_text, result.fractions)
     if result.coverage is not None:
         files["coverage.json"] = partial(coverage_text, result.coverage, scene.parameter)
     if scene.simulate.losses:

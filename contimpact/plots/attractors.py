@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.patches import Patch
 
 from ..errors import explain_arguments
 from ..orbits.orbit import Orbit
@@ -26,6 +27,7 @@ from ..results.quantities import branch_voltages, direction_text
 from ..simulation.attractor import Attractor, Kind
 from ..simulation.basins import Basins
 from ..simulation.energy import attractor_voltages
+from ..simulation.fractions import BasinFractions
 from ..simulation.manifolds import Manifold
 from ..simulation.simulator import Simulator
 from ..simulation.sweep import Row, Simulators, Sweep, same_attractor
@@ -653,6 +655,54 @@ def plot_basins(found: Basins, ax: Any = None) -> Any:
     return ax
 
 
+HATCHES = ("", "///", "...", "xxx", "\\\\\\", "ooo")
+
+
+@explain_arguments
+def plot_fractions(
+    found: BasinFractions, ax: Any = None, *, x: str | None = None, unit: str = ""
+) -> Any:
+    """Draw basin fractions as stacked bands, with the interval of each at its upper edge.
+
+    Parameters
+    ----------
+    found : BasinFractions
+    ax : matplotlib.axes.Axes, optional
+        Where to draw, such as below a diagram; a new figure otherwise.
+    x : str, optional
+        The parameter, or derived parameter, on the axis.
+    unit : str
+        Of it.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
+    ax = ax or style.new_figure(7.2, 3.6).add_subplot()
+    name = x or found.parameter
+    places = [next(iter(there.values())).parameters[name] for there in found.attractors]
+    tops = np.cumsum(found.fractions, axis=1)
+    low, high = found.intervals
+    handles = []
+    for k, motion in enumerate(found.motions):
+        look: dict[str, Any] = {"facecolor": (*_rgb(SPOTS[k % len(SPOTS)]), 0.45)}
+        look |= {"edgecolor": "0.35", "linewidth": 0.4, "hatch": HATCHES[k % len(HATCHES)]}
+        under = tops[:, k] - found.fractions[:, k]
+        ax.fill_between(places, under, tops[:, k], **look)
+        inside = (found.counts[:, k] > 0) & (tops[:, k] < 1.0)
+        errors = np.abs(np.array([low[:, k], high[:, k]]) - found.fractions[:, k])[:, inside]
+        bars = {"fmt": "none", "ecolor": "k", "elinewidth": 0.8, "capsize": 2.0}
+        ax.errorbar(np.array(places)[inside], tops[inside, k], errors, **bars)
+        handles.append(Patch(**look, label=plain_text(motion, 30)))
+    ax.set_ylim(0.0, 1.0)
+    ax.set_xlim(min(places), max(places))
+    counted = f"{found.starts} starts, {100 * found.confidence:g} % intervals"
+    ax.set_title(counted, fontsize=8, loc="right")
+    _label(ax, name, unit, "basin fraction")
+    _legend(ax, handles)
+    return ax
+
+
 @explain_arguments
 def plot_manifold(found: Manifold, ax: Any = None, *, wall: str | None = None) -> Any:
     """Draw a manifold, and its orbit, among the impacts on a wall.
@@ -737,6 +787,9 @@ def save_simulation(result: Simulation, folder: Path, options: PlotOptions) -> l
     for number, found in enumerate(result.basins, start=1):
         figure = figures[f"basins{number}"] = plot_basins(found).figure
         _head(figure, result, found.parameters)
+    if result.fractions is not None:
+        figures["fractions"] = plot_fractions(result.fractions, x=options.x, unit=unit).figure
+        _head(figures["fractions"], result)
     contents: dict[str, Content] = {}
     for stem, figure in figures.items():
         contents |= style.pictures(figure, stem, options.formats, scene.name)

@@ -11,10 +11,11 @@ from ..orbits.orbit import Orbit
 from ..results.branch import Branch, Entry
 from ..results.curve import Curve
 from ..results.diagram import Diagram
+from ..simulation.fractions import BasinFractions
 from ..simulation.manifolds import Manifold
 from ..simulation.sweep import Sweep
 from ..studies.study import Study
-from .attractors import plot_manifold, plot_sweep
+from .attractors import plot_fractions, plot_manifold, plot_sweep
 from .curves import plot_curves
 from .diagram import plot_diagram
 from .maps import plot_map
@@ -64,6 +65,11 @@ def _(result: Sweep, **options: Any) -> Any:
 @draw_result.register
 def _(result: Manifold, *x: Any, **options: Any) -> Any:
     return plot_manifold(result, *x, **options)
+
+
+@draw_result.register
+def _(result: BasinFractions, *x: Any, **options: Any) -> Any:
+    return plot_fractions(result, *x, **options)
 
 
 @draw_result.register

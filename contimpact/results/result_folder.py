@@ -53,8 +53,8 @@ WRITTEN = {
         r"(diagram|curves|codim2)\.(svg|png|pdf)|diagram\.html",
     ),
     "simulate": (
-        r"(sweep|energy|losses)\.csv|(transitions|crises|coverage)\.json",
-        r"(attractors|exponents|energy|portrait\d+|basins\d+)\.(svg|png|pdf)",
+        r"(sweep|energy|losses|fractions)\.csv|(transitions|crises|coverage)\.json",
+        r"(attractors|exponents|energy|fractions|portrait\d+|basins\d+)\.(svg|png|pdf)",
     ),
 }
 """Names of the files, and of the pictures, that each command writes besides tables. Certificates go

@@ -5,12 +5,14 @@ They are read without what simulates: ``contimpact run`` validates them and leav
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..models.model import Model
-from .options import LARGEST_SEED, MOST_STARTS, Table
+from .options import LARGEST_SEED, MOST_STARTS, Table, short_repr
 
 if TYPE_CHECKING:
     from ..systems.membrane import Membrane
@@ -19,6 +21,8 @@ DIRECTIONS = ("down", "up", "both")
 SPACINGS = ("even", "reciprocal")
 MOST_VALUES = 100_000
 LARGEST_GRID = 1000
+MOST_FRACTION_STARTS = 1_000_000
+MOST_ROUNDS = 10
 SETTLING_BOUNDS = {
     "transient": (0, 10**8),
     "periods": (1, 10**8),
@@ -78,6 +82,13 @@ class SimulateOptions:
     """Whether the kinetic energy that impacts take is told, too."""
     crises: bool = False
     """Whether crises are located where complex motion ends; needs the branches."""
+    fractions: tuple[float, ...] = ()
+    """Values at which random starts are counted by the motion that they lead to."""
+    fraction_starts: int = 1000
+    refine: int = 0
+    """How often values are put between those of `fractions` where these differ."""
+    box: Mapping[str, Any] = field(default_factory=dict)
+    """Where these motions start; see `contimpact.simulation.fractions.start_box`."""
     spacing: str = "even"
     """``even``, or ``reciprocal`` for values whose reciprocals are evenly spaced, as where the
     drawn quantity is inversely proportional to the parameter."""
@@ -140,7 +151,7 @@ def read_simulate(
             declared.check(v, f"simulate.{key}[{i}]")
             for i, v in enumerate(table.optional_numbers(key))
         )
-        for key in ("portraits", "basins")
+        for key in ("portraits", "basins", "fractions")
     }
     options = SimulateOptions(
         (low, high),
@@ -157,6 +168,10 @@ def read_simulate(
         table.whole("grid", 40, least=2, most=LARGEST_GRID),
         table.truth("losses", False),
         table.truth("crises", False),
+        points["fractions"],
+        table.whole("fraction_starts", 1000, least=1, most=MOST_FRACTION_STARTS),
+        table.whole("refine", 0, least=0, most=MOST_ROUNDS),
+        _box(table, model),
         spacing,
     )
     if options.crises and not options.branches:
@@ -167,6 +182,47 @@ def read_simulate(
         )
     table.finish()
     return options
+
+
+def _box(table: Table, model: Model) -> Mapping[str, Any]:
+    """The table of starts: pairs of numbers."""
+    accepted = "a table of time, position and velocity"
+    given = table.take("box", {}, accepted)
+    if not isinstance(given, Mapping):
+        raise table.refuse("box", given, accepted)
+    for key, value in given.items():
+        if key not in ("time", "position", "velocity"):
+            found = f"unknown key {short_repr(key)}"
+            raise InputError(table.place("box"), found, f"accepted are {accepted[11:]}")
+        count = 1 if key == "time" else model.DEGREES_OF_FREEDOM
+        check_pairs(f"{table.place('box')}.{key}", value, count)
+    return dict(given)
+
+
+def check_pairs(where: str, given: Any, count: int) -> tuple[tuple[float, float], ...]:
+    """Return as many pairs (low, high) of numbers, of which one may stand alone.
+
+    Raises InputError if they are none.
+    """
+    rows = [given] if count == 1 and _is_pair(given) else given
+    if not (isinstance(rows, Sequence) and len(rows) == count and all(map(_is_pair, rows))):
+        accepted = "give low and high, low first" + (
+            f" for each coordinate: {count} pairs" * (count > 1)
+        )
+        raise InputError(where, f"found {short_repr(given)}", accepted)
+    return tuple((float(low), float(high)) for low, high in rows)
+
+
+def _is_pair(given: Any) -> bool:
+    numbers = isinstance(given, Sequence) and not isinstance(given, str) and len(given) == 2
+    return (
+        numbers
+        and all(
+            isinstance(x, (int, float)) and not isinstance(x, bool) and math.isfinite(x)
+            for x in given
+        )
+        and given[0] <= given[1]
+    )
 
 
 def _transitions(table: Table) -> bool | tuple[int, ...]:

@@ -42,7 +42,7 @@ from .flights import (
     windows,
 )
 from .impacts import EARLY, LOW, SHORT, wrap_time
-from .run import Outcome, PassageRule, State, columns_of
+from .run import Outcome, OutsideError, PassageRule, State, columns_of
 
 # Starts anywhere within the guards of a mode; what lies elsewhere is refused.
 
@@ -74,11 +74,11 @@ def _outside_error(
 ) -> InputError:
     """A start beyond a guard of its mode."""
     if not mode:
-        return InputError("position", f"{position} is beyond {guard}", "start within the guards")
+        return OutsideError("position", f"{position} is beyond {guard}", "start within the guards")
     found = f"{position} is beyond {guard}, at which the mode {mode!r} ends"
     others = dict.fromkeys(g.next_mode for g in automaton.guards if g.next_mode != mode)
     named = " or ".join(f"mode={other!r}" for other in others)
-    return InputError("position", found, f"start within the guards, or give {named}")
+    return OutsideError("position", found, f"start within the guards, or give {named}")
 
 
 # Impacts at random, for systems of several coordinates.

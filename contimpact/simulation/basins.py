@@ -99,7 +99,7 @@ def basins(
     for i, velocity in enumerate(velocities.tolist()):
         for j, phase in enumerate(phases.tolist()):
             state = simulator.state(letter, phase, velocity, others)
-            labels[i, j] = _attractor_number(simulator, state, found, settling)
+            labels[i, j] = attractor_number(simulator, state, found, settling)
         if callback:
             callback((i + 1) * n, m * n)
     parameters = {**simulator.model.values, **simulator.derived}
@@ -129,7 +129,7 @@ def _fastest(simulator: Simulator, known: Sequence[Attractor]) -> float:
     return 2.0 * max(speeds, default=0.0) or simulator.fastest
 
 
-def _attractor_number(
+def attractor_number(
     simulator: Simulator, state: State, found: list[Attractor], settling: Settling
 ) -> int:
     """The number of the attractor a start leads to; a new one is added to the list.

@@ -74,7 +74,8 @@ def fingerprint(resolved: Mapping[str, Any]) -> str:
     """Return a digest of what decides the rows: model, followed parameter, and sweep."""
     parts = {name: resolved[name] for name in ("model", "simulate")}
     parts["parameter"] = resolved["follow"]["parameter"]
-    drawn = ("portraits", "basins", "grid", "branches", "transitions", "losses", "crises")
+    drawn = {"portraits", "basins", "grid", "branches", "transitions", "losses", "crises"}
+    drawn |= {"fractions", "fraction_starts", "refine", "box"}
     parts["simulate"] = {k: v for k, v in parts["simulate"].items() if k not in drawn}
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 

@@ -34,7 +34,7 @@ from .impacts import (
     wall_on,
     wrap_time,
 )
-from .run import Outcome, State
+from .run import Outcome, OutsideError, State
 
 if TYPE_CHECKING:
     from ..segments.machine_code import Program
@@ -273,7 +273,9 @@ class OneCoordinate:
         """Return the first impact of a body that starts between the walls; None for none."""
         low, high = self._around(position)
         if not low <= 0.0 <= high:
-            raise InputError("position", f"{position!r} is beyond a wall", "start within the walls")
+            raise OutsideError(
+                "position", f"{position!r} is beyond a wall", "start within the walls"
+            )
         if self.zeros is None:
             found = f"the acceleration of {self.model.SYSTEM} depends on the state"
             raise InputError("position", found, "start at a wall")

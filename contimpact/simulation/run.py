@@ -10,10 +10,15 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
+from ..errors import InputError
 from ..models.guards import slides_at
 from ..segments.kernels import Kernels
 from ..segments.touches import margin
 from .impacts import wrap_time
+
+
+class OutsideError(InputError):
+    """A start lies beyond a wall."""
 
 
 class Outcome(enum.Enum):

@@ -73,6 +73,8 @@ def test_the_reader_of_the_docs():
         "max_iterations",
         "seed",
         "starts",
+        "fraction_starts",
+        "refine",
         "rounds",
         "values",
         "grid",
@@ -82,7 +84,7 @@ def test_the_reader_of_the_docs():
         "longest",
         "impacts",
     } == keys
-    assert len(documented()) == 19
+    assert len(documented()) == 21
     assert value("2⁶³ - 1") == 2**63 - 1
 
 

@@ -1,0 +1,425 @@
+"""How likely each motion is: basin fractions along a parameter, from random starts in a box.
+
+Attractors at neighbouring values are one motion if their counts of impacts are: 1:1, 1:1/2T and
+1:1/C, which follow each other where a period doubles, are one band; of several with the same counts
+the nearest in phase and velocity. Intervals are those of Clopper and Pearson.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ..arrays import Array
+from ..display import NotebookResult, Summary, frame
+from ..errors import InputError, explain_arguments
+from ..models.model import Model
+from ..progress import Asked, progress_lines
+from ..results.simulate_tables import (
+    MOST_FRACTION_STARTS,
+    SETTLING,
+    Settling,
+    check_pairs,
+)
+from ..segments.kernels import Kernels
+from ..storage.texts import csv_text
+from .attractor import Attractor
+from .basins import attractor_number
+from .run import OutsideError, State
+from .simulator import Simulator
+from .sweep import Simulators
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+OTHER = 1e3
+"""More than any distance between attractors: that of motions with different counts of impacts."""
+POINTS = 200
+"""Impacts of an attractor that are compared."""
+DRAWS = 1000
+"""How often a start beyond a wall is drawn again."""
+
+
+@dataclass(frozen=True)
+class StartBox:
+    """Where motions start: uniformly at random in a box of times, positions and velocities, as far
+    as it lies within the walls."""
+
+    time: tuple[float, float]
+    """In the model's clock."""
+    positions: tuple[tuple[float, float], ...] | None
+    """A pair for each coordinate; None for one coordinate from wall to wall, wherever they are."""
+    velocities: tuple[tuple[float, float], ...]
+
+    def draw(
+        self, simulator: Simulator, rng: np.random.Generator
+    ) -> tuple[float, list[float], list[float]]:
+        """Return time, positions and velocities of a start."""
+        walls = (min(simulator.positions), max(simulator.positions))
+        pairs = (walls,) if self.positions is None else self.positions
+        sides = np.array([self.time, *pairs, *self.velocities])
+        time, *rest = rng.uniform(*sides.T).tolist()
+        return time, rest[: len(pairs)], rest[len(pairs) :]
+
+
+def start_box(simulator: Simulator, box: Mapping[str, Any] | None = None) -> StartBox:
+    """Return the box of starts that a mapping states, with defaults for what it leaves out.
+
+    Parameters
+    ----------
+    box : mapping, optional
+        ``time`` (low, high), a forcing period by default; ``position`` and ``velocity``, a pair for
+        one coordinate or a list of pairs for several. By default one coordinate starts between its
+        walls, and velocities are up to what half a period of the largest acceleration gives.
+
+    Raises
+    ------
+    InputError
+        For another key, a pair that is none, or a position that has to be given.
+    """
+    given, count = dict(box or {}), simulator.model.DEGREES_OF_FREEDOM
+    if others := sorted(given.keys() - {"time", "position", "velocity"}):
+        raise InputError("box", f"the key {others[0]!r}", "give time, position, velocity")
+    time = check_pairs("box.time", given.get("time", (0.0, simulator.period)), 1)[0]
+    positions = given.get("position")
+    two = count == 1 and len({*simulator.sides}) == 2
+    if positions is None and not two:
+        accepted = f"give box.position, {count} pairs of numbers"
+        raise InputError("box.position", "no two walls that bound all positions", accepted)
+    fastest = simulator.fastest
+    velocities = given.get("velocity", [(-fastest, fastest)] * count)
+    return StartBox(
+        time,
+        None if positions is None else check_pairs("box.position", positions, count),
+        check_pairs("box.velocity", velocities, count),
+    )
+
+
+@dataclass(frozen=True)
+class Tipping:
+    """Where a motion vanishes, or appears, between two neighbouring values."""
+
+    motion: str
+    vanishes: bool
+    """With rising values of the parameter; otherwise it appears."""
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        what = "vanishes" if self.vanishes else "appears"
+        return f"{self.motion} {what} between {self.low:.9g} and {self.high:.9g}"
+
+
+FRACTIONS = "contimpact.fractions/1"
+"""Schema of ``fractions.csv``."""
+
+
+class Share(NamedTuple):
+    """The part of random starts that leads to a motion at a value."""
+
+    value: float
+    notation: str
+    fraction: float
+
+
+def shorten_names(names: Sequence[str]) -> str:
+    """Return the different ones of several notations in order, of many the first and the last."""
+    short = list(dict.fromkeys(names))
+    return ", ".join(short if len(short) < 5 else [*short[:2], "...", short[-1]])
+
+
+@dataclass(frozen=True, eq=False)
+class BasinFractions(NotebookResult):
+    """What part of random starts leads to each motion, along a parameter."""
+
+    parameter: str
+    values: list[float]
+    """Rising."""
+    starts: int
+    """At each value."""
+    counts: Array
+    """Starts that lead to each motion, shape (values, motions)."""
+    attractors: list[dict[int, Attractor]] = field(repr=False)
+    """For each value the attractors, by the number of their motion."""
+    confidence: float = 0.95
+
+    @property
+    def fractions(self) -> Array:
+        """Parts of the starts, shape (values, motions); rows add up to one."""
+        return self.counts / self.starts
+
+    @property
+    def intervals(self) -> tuple[Array, Array]:
+        """Lowest and largest probabilities, each shape (values, motions), that agree with the
+        counts at the confidence, each by itself (Clopper and Pearson, 1934)."""
+        from scipy.stats import beta
+
+        k, n, tail = self.counts, self.starts, (1.0 - self.confidence) / 2.0
+        low = np.where(k > 0, beta.ppf(tail, np.maximum(k, 1), n - k + 1), 0.0)
+        high = np.where(k < n, beta.ppf(1.0 - tail, k + 1, np.maximum(n - k, 1)), 1.0)
+        return low, high
+
+    @property
+    def motions(self) -> list[str]:
+        """What each motion is called along the values: ``1:1, 1:1/2T, 1:1/C``."""
+        return [
+            shorten_names([there[number].notation for there in self.attractors if number in there])
+            for number in range(self.counts.shape[1])
+        ]
+
+    @property
+    def shares(self) -> list[Share]:
+        """The fraction of each motion at each value."""
+        return [Share(row[0], row[2], row[4]) for row in self.rows()]
+
+    @property
+    def tippings(self) -> list[Tipping]:
+        """Where motions appear and vanish."""
+        found = list[Tipping]()
+        for number, name in enumerate(self.motions):
+            there = self.counts[:, number] > 0
+            found += [
+                Tipping(name, bool(there[k]), self.values[k], self.values[k + 1])
+                for k in np.nonzero(there[1:] != there[:-1])[0].tolist()
+            ]
+        return sorted(found, key=lambda tipping: tipping.low)
+
+    def between(self) -> list[float]:
+        """Return values half way between neighbours whose fractions differ by more than both
+        intervals."""
+        low, high = self.intervals
+        apart = np.any((low[1:] > high[:-1]) | (low[:-1] > high[1:]), axis=1)
+        ends = zip(self.values, self.values[1:], apart, strict=False)
+        return [0.5 * (a + b) for a, b, differ in ends if differ]
+
+    def rows(self) -> list[tuple[float, int, str, int, float, float, float]]:
+        """Return rows of value, number of the motion, notation, starts that lead there, their
+        fraction, and its interval."""
+        low, high = self.intervals
+        return [
+            (
+                value,
+                k + 1,
+                there[k].notation,
+                int(self.counts[i, k]),
+                float(self.fractions[i, k]),
+                float(low[i, k]),
+                float(high[i, k]),
+            )
+            for i, (value, there) in enumerate(zip(self.values, self.attractors, strict=True))
+            for k in sorted(there)
+        ]
+
+    def to_dataframe(self) -> DataFrame:
+        """Return the rows as a pandas DataFrame; pandas must be installed."""
+        columns = zip(*self.rows(), strict=True)
+        return frame(dict(zip(COLUMNS, map(list, columns), strict=True)))
+
+    def summary(self) -> Summary:
+        """Return the fractions in short."""
+        rows = [
+            (f"{value:.9g}", name, f"{part:.4g}", f"{low:.3g} to {high:.3g}")
+            for value, _, name, _, part, low, high in self.rows()
+        ]
+        columns = (self.parameter, "motion", "fraction", f"{100 * self.confidence:g} %")
+        return Summary(f"Basin fractions, {self.starts} starts at each value", columns, rows, [])
+
+    def __repr__(self) -> str:
+        count = len(self.values)
+        head = f"Basin fractions of {self.starts} starts at {count} values of {self.parameter}"
+        parts = zip(self.motions, 100.0 * self.fractions.T, strict=True)
+        lines = [f"  {name}: {part.min():.3g} to {part.max():.3g} %" for name, part in parts]
+        return "\n".join([head, *lines, *(f"  {tipping}" for tipping in self.tippings)])
+
+
+def fractions_text(found: BasinFractions) -> str:
+    """Return ``fractions.csv``."""
+    head = {"schema": FRACTIONS, "parameter": found.parameter, "starts": found.starts}
+    comment = json.dumps({**head, "confidence": found.confidence})
+    return f"# {comment}\n" + csv_text([found.parameter, *COLUMNS[1:]], found.rows())
+
+
+def fractions_of(text: str) -> list[Share]:
+    """Return the shares that the text of ``fractions.csv`` holds.
+
+    Raises ValueError if it is not of this schema, or damaged.
+    """
+    head, _, table = text.partition("\n")
+    if json.loads(head.removeprefix("# ")).get("schema") != FRACTIONS:
+        raise ValueError("another schema")
+    _, *rows = csv.reader(io.StringIO(table))
+    return [Share(float(row[0]), row[2], float(row[4])) for row in rows]
+
+
+COLUMNS = ("value", "motion", "notation", "count", "fraction", "low", "high")
+
+
+@explain_arguments
+def basin_fractions(
+    model: Model,
+    parameter: str,
+    values: Iterable[float],
+    *,
+    starts: int = 1000,
+    box: Mapping[str, Any] | None = None,
+    refine: int = 0,
+    settling: Settling = SETTLING,
+    rng: int = 0,
+    confidence: float = 0.95,
+    progress: Asked = False,
+) -> BasinFractions:
+    """Count to which motion random starts lead, at values of a parameter.
+
+    Parameters
+    ----------
+    model : Model
+    parameter : str
+    values : iterable of float
+    starts : int
+        At each value; the same for the same `rng`, whatever other values there are.
+    box : mapping, optional
+        Where they start; see `start_box`.
+    refine : int
+        How often values are put half way between neighbours whose fractions differ by more than
+        both intervals.
+    settling : Settling
+        Where motion is complex, a start that has not settled after a tenth of its periods is taken
+        for complex.
+    rng : int
+        Seed.
+    confidence : float
+        Of the intervals.
+    progress : bool or callable
+        Whether to report on standard error, or a function to call with lines of text.
+
+    Returns
+    -------
+    BasinFractions
+
+    Raises
+    ------
+    InputError
+        For values, starts or a box that cannot be.
+    """
+    given = sorted({float(value) for value in values})
+    if not given or not 0 < starts <= MOST_FRACTION_STARTS:
+        found = "no values" if not given else f"{starts} starts"
+        raise InputError(
+            "basin_fractions", found, f"give values, and from 1 to {MOST_FRACTION_STARTS} starts"
+        )
+    if not 0.0 < confidence < 1.0:
+        raise InputError("confidence", f"found {confidence}", "give a number between 0 and 1")
+    simulators = Simulators(model, parameter, Kernels(model, parameter))
+    counted: dict[float, tuple[list[Attractor], Array]] = {}
+    with progress_lines(progress, "basin_fractions") as report:
+        for depth in range(refine + 1):
+            for value in given:
+                report(f"{parameter} = {value:.9g}: {starts} starts")
+                counted[value] = _count(simulators.at(value), starts, box, settling, rng)
+            joined = _join(parameter, counted, starts, confidence)
+            given = joined.between() if depth < refine else []
+    return joined
+
+
+def _count(
+    simulator: Simulator, starts: int, box: Mapping[str, Any] | None, settling: Settling, rng: int
+) -> tuple[list[Attractor], Array]:
+    """The attractors that starts lead to, and how many lead to each."""
+    from .settle import settle
+
+    area, generator = start_box(simulator, box), np.random.default_rng(rng)
+    known: list[Attractor] = []
+    counts: list[int] = []
+    for _ in range(starts):
+        state = _start(area, simulator, generator)
+        if state is None:
+            motion = settle(simulator, None, settling)
+            labels = [one.label for one in known]
+            number = labels.index(motion.label) if motion.label in labels else len(known)
+            known += [motion][: number == len(known)]
+        else:
+            number = attractor_number(simulator, state, known, settling)
+        counts += [0] * (len(known) - len(counts))
+        counts[number] += 1
+    return known, np.array(counts)
+
+
+def _start(area: StartBox, simulator: Simulator, generator: np.random.Generator) -> State | None:
+    """A start in the box within the walls."""
+    for _ in range(DRAWS):
+        try:
+            return simulator.start(*area.draw(simulator, generator))
+        except OutsideError as error:
+            beyond = error
+    found = f"{DRAWS} starts in a row beyond a wall"
+    raise InputError(
+        "box.position", found, "give a box that is mostly within the walls"
+    ) from beyond
+
+
+# The same motion at neighbouring values.
+
+
+def _join(
+    parameter: str,
+    found: Mapping[float, tuple[list[Attractor], Array]],
+    starts: int,
+    confidence: float,
+) -> BasinFractions:
+    """Number motions along all values: each attractor goes on with the nearest one before."""
+    from scipy.optimize import linear_sum_assignment
+
+    values = sorted(found)
+    last: list[Attractor] = []
+    rows: list[dict[int, int]] = []
+    attractors: list[dict[int, Attractor]] = []
+    for value in values:
+        known, counts = found[value]
+        costs = np.array([[_apart(one, other) for other in last] for one in known])
+        costs = costs.reshape(len(known), len(last))
+        numbers = {
+            int(one): int(number)
+            for one, number in zip(*linear_sum_assignment(costs), strict=True)
+            if costs[one, number] < OTHER
+        }
+        for one, attractor in enumerate(known):
+            number = numbers.setdefault(one, len(last))
+            if number == len(last):
+                last.append(attractor)
+            last[number] = attractor
+        rows.append({numbers[one]: int(count) for one, count in enumerate(counts)})
+        attractors.append({numbers[one]: attractor for one, attractor in enumerate(known)})
+    table = np.array([[row.get(k, 0) for k in range(len(last))] for row in rows])
+    return BasinFractions(parameter, values, starts, table, attractors, confidence)
+
+
+def _apart(one: Attractor, other: Attractor) -> float:
+    """The mean distance of the impacts of two attractors from each other's, where their counts of
+    impacts are the same."""
+    from scipy.spatial import cKDTree
+
+    counts = [a.notation.partition("/")[0] for a in (one, other)]
+    if counts[0] != counts[1] or (len(one.times) == 0) != (len(other.times) == 0):
+        return OTHER
+    if not len(one.times):
+        return 0.0
+    fastest = max(float(np.max(np.abs(a.velocities))) for a in (one, other)) or 1.0
+    clouds = [_cloud(a, fastest) for a in (one, other)]
+    trees = [cKDTree(cloud) for cloud in clouds]
+    return max(float(np.mean(trees[1 - k].query(clouds[k])[0])) for k in (0, 1))
+
+
+def _cloud(attractor: Attractor, fastest: float) -> Array:
+    """Impacts as points: the phase on a circle of circumference one, velocity, wall."""
+    every = max(1, len(attractor.times) // POINTS)
+    angle = 2.0 * np.pi * attractor.times[::every] / attractor.forcing_period
+    circle = np.column_stack([np.cos(angle), np.sin(angle)]) / (2.0 * np.pi)
+    velocity = attractor.velocities[::every] / fastest
+    walls = attractor.walls[: len(attractor.times)][::every].astype(float)
+    return np.column_stack([circle, velocity, walls])

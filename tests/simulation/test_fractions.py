@@ -1,0 +1,165 @@
+"""Basin fractions: counts, intervals, the same motion along a parameter, and what tips."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+
+import numpy as np
+import pytest
+from scipy import stats
+from zoo import TWO_MASSES
+
+from contimpact.cli import main
+from contimpact.errors import InputError
+from contimpact.simulation.fractions import basin_fractions, start_box
+from contimpact.simulation.simulator import Simulator
+from contimpact.systems.impact_pair import ImpactPair
+from contimpact.systems.oscillator import Oscillator
+from contimpact.systems.two_masses import TwoMasses
+
+PAIR = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.4)
+
+
+@pytest.fixture(scope="module")
+def found():
+    """From 2:1 alone over both motions to complex motion alone, which becomes 1:1."""
+    return basin_fractions(PAIR, "s", [0.35, 0.3562, 0.36, 0.38, 0.4], starts=40)
+
+
+def test_bands_are_motions_whatever_they_are_called(found):
+    assert found.motions == ["2:1", "1:1/C, 1:1/2T, 1:1"]
+    assert found.counts.sum(axis=1).tolist() == [40] * 5
+    assert (found.counts[:, 0] > 0).tolist() == [True, True, False, False, False]
+    texts = [str(tipping) for tipping in found.tippings]
+    assert texts == [
+        "1:1/C, 1:1/2T, 1:1 appears between 0.35 and 0.3562",
+        "2:1 vanishes between 0.3562 and 0.36",
+    ]
+    assert [row[2] for row in found.rows()] == ["2:1", "2:1", "1:1/C", "1:1/C", "1:1/2T", "1:1"]
+    assert "40 starts at 5 values of s" in repr(found)
+
+
+def test_fractions_are_those_of_a_hundred_thousand_starts():
+    """Counted by a program of its own, in C, over 250 periods: 0.34799 of them lead to 2:1."""
+    found = basin_fractions(PAIR, "s", [0.3562], starts=400)
+    k = found.motions.index("2:1")
+    low, high = found.intervals
+    assert low[0, k] < 0.34799 < high[0, k]
+
+
+def test_intervals_are_exact(found):
+    low, high = found.intervals
+    for k, interval in zip(
+        found.counts.ravel(), zip(low.ravel(), high.ravel(), strict=True), strict=True
+    ):
+        exact = stats.binomtest(int(k), 40).proportion_ci(0.95, method="exact")
+        assert interval == pytest.approx((exact.low, exact.high), abs=1e-12)
+
+
+def test_values_are_put_where_fractions_differ():
+    found = basin_fractions(PAIR, "s", [0.34, 0.345, 0.36], starts=12, refine=2)
+    assert found.values == pytest.approx([0.34, 0.345, 0.3525, 0.35625, 0.36])
+    again = basin_fractions(PAIR, "s", [0.345], starts=12)
+    assert again.counts.tolist() == [[12]]
+
+
+def test_boxes_are_stated_in_physical_terms():
+    simulator = Simulator(PAIR)
+    default = start_box(simulator)
+    assert default.time == (0.0, 2.0)
+    assert default.positions is None
+    rng = np.random.default_rng(1)
+    for _ in range(50):
+        time, (x,), (v,) = default.draw(simulator, rng)
+        assert 0.0 <= time < 2.0
+        assert abs(x) <= simulator.derived["d"] / 2.0
+        assert abs(v) <= simulator.fastest
+    given = start_box(simulator, {"position": [0.0, 0.1], "velocity": [0.5, 0.5]})
+    _, (x,), (v,) = given.draw(simulator, rng)
+    assert 0.0 <= x <= 0.1
+    assert v == 0.5
+
+
+def test_refusals():
+    for box, said in [
+        ({"phase": [0, 1]}, "the key 'phase'"),
+        ({"position": [0.2, 0.1]}, r"box\.position"),
+        ({"velocity": "fast"}, r"box\.velocity"),
+    ]:
+        with pytest.raises(InputError, match=said):
+            start_box(Simulator(PAIR), box)
+    one = Oscillator(a=1.0, omega=1.3, c=0.1, k=1.0, sigma=0.5, r=0.8)
+    for box, said in [
+        (None, r"box\.position"),
+        ({"position": [-1.0, 0.4]}, "depends on the state"),
+    ]:
+        with pytest.raises(InputError, match=said):
+            basin_fractions(one, "omega", [1.3], starts=2, box=box)
+    with pytest.raises(InputError, match="no values"):
+        basin_fractions(PAIR, "s", [])
+
+
+def test_several_bodies():
+    """Both coordinates of a box are drawn, again where a guard lies before the start."""
+    box = {"position": [[-2.0, 0.9], [-1.0, 1.0]], "velocity": [[-2.0, 2.0], [-2.0, 2.0]]}
+    model = TwoMasses(**{**TWO_MASSES, "omega": 1.8})
+    found = basin_fractions(model, "omega", [1.8], starts=20, box=box)
+    assert found.counts.sum() == 20
+    assert found.motions == ["1:0"]
+    with pytest.raises(InputError, match="2 pairs"):
+        basin_fractions(model, "omega", [1.8], starts=2)
+
+
+SCENE = """
+name = "counted"
+[model]
+system = "impact-pair"
+parameters = { beta = "pi/6", r = 0.3, A = 5.0, s = 0.4 }
+[follow]
+parameter = "s"
+range = [0.34, 0.4]
+orbits = ["1:1"]
+[plot]
+formats = ["png"]
+[simulate]
+values = 2
+transitions = false
+fractions = [0.35, 0.4]
+fraction_starts = 5
+box = { position = [-0.1, 0.1], velocity = [0.0, 1.0] }
+"""
+
+
+def test_a_scene_counts_fractions_and_draws_them(tmp_path, capsys):
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE, encoding="utf-8")
+    assert main(["simulate", str(path), "-o", str(tmp_path / "out")]) == 0
+    printed = capsys.readouterr().out
+    assert "2:1 vanishes between 0.35 and 0.4" in printed
+    head, names, *rows = (tmp_path / "out/fractions.csv").read_text("utf-8").splitlines()
+    assert json.loads(head[2:]) == {
+        "schema": "contimpact.fractions/1",
+        "parameter": "s",
+        "starts": 5,
+        "confidence": 0.95,
+    }
+    assert names.split(",") == ["s", "motion", "notation", "count", "fraction", "low", "high"]
+    assert [row.split(",")[:5] for row in rows] == [
+        ["0.35", "1", "2:1", "5", "1.0"],
+        ["0.4", "2", "1:1", "5", "1.0"],
+    ]
+    assert (tmp_path / "out/fractions.png").stat().st_size > 0
+
+
+def test_what_a_scene_says_of_a_box_is_checked(tmp_path, capsys):
+    for box, said in [
+        ("{ speed = [0, 1] }", "simulate.box: unknown key 'speed'"),
+        ("{ velocity = [1, 0] }", "simulate.box.velocity: found [1, 0]; give low and high"),
+        ("3", "simulate.box: found 3"),
+    ]:
+        path = tmp_path / "scene.toml"
+        path.write_text(re.sub(r"box = .*", f"box = {box}", SCENE), encoding="utf-8")
+        assert main(["check", str(path)]) == 2
+        assert said in capsys.readouterr().err
