@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from .diagrams.isolines import sensitivity as sensitivity
     from .diagrams.orbit_branch import continue_born as continue_born
     from .diagrams.orbit_branch import continue_orbit as continue_orbit
+    from .diagrams.ranges import attractor_ranges as attractor_ranges
+    from .diagrams.ranges import load_ranges as load_ranges
     from .diagrams.starting_orbits import find_orbits as find_orbits
     from .display import plot as plot
     from .errors import InputError as InputError
@@ -155,6 +157,8 @@ _PLACES = {
     "sweep": "simulation.sweep",
     "find_transitions": "simulation.transitions",
     "basin_fractions": "simulation.fractions",
+    "attractor_ranges": "diagrams.ranges",
+    "load_ranges": "diagrams.ranges",
     "grow_manifold": "simulation.manifolds",
     "cover": "simulation.basins",
     "load_study": "studies.study_file",

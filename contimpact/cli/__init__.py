@@ -205,10 +205,23 @@ def parser() -> argparse.ArgumentParser:
     view.add_argument("folder", metavar="DIR", help="folder written by run or simulate")
     view.set_defaults(module="view")
 
+    range_ = commands.add_parser("range", help="say which attractors there are, and where they end")
+    range_.add_argument("folder", metavar="DIR", help="folder written by run or simulate")
+    range_.add_argument(
+        "--at",
+        metavar="VALUE",
+        type=float,
+        action="append",
+        default=[],
+        help="of the followed parameter: the attractors there, and how far their ends are",
+    )
+    range_.add_argument("-o", "--output", metavar="FILE", help="file to write as a table (csv)")
+    range_.set_defaults(module="range")
+
     completion = commands.add_parser("completion", help="print the completion of a shell")
     completion.add_argument("shell", choices=["bash", "zsh", "fish"], help="the shell")
     completion.set_defaults(module="completion")
-    for command in (check, run, simulate, report, plot):
+    for command in (check, run, simulate, report, plot, range_):
         command.add_argument(
             "--system",
             metavar="FILE",

@@ -94,7 +94,7 @@ def draw_page(
     chosen = _plot_choices(plot, diagram, options) if options else {}
     shown = PageView(plot.x, plot.xlim, plot.ylim, plot.unphysical)
     if given:
-        source, remarks = _scene_of(folder, systems).source, []
+        source, remarks = scene_of(folder, systems).source, []
         if (folder / "manifest.json").exists():
             manifest = read_json(folder / "manifest.json", MANIFEST, WANTED)
             remarks = remarks_in(manifest, diagram.coverage)
@@ -107,7 +107,7 @@ def _diagram_in(folder: Path, systems: Mapping[str, type[Model]]) -> Diagram:
     """The diagram in a folder; one without branches of a simulation that followed none."""
     simulated = is_there(folder / "sweep.csv") and not is_there(folder / "catalogue.json")
     if _names_its_scene(folder) and simulated:
-        return Diagram(_scene_of(folder, systems).name, [])
+        return Diagram(scene_of(folder, systems).name, [])
     return load_diagram(folder)
 
 
@@ -136,7 +136,7 @@ def _drawing_options(
     branches name; None for a system of one's own.
     """
     if _names_its_scene(folder) or not diagram.branches:
-        scene = _scene_of(folder, systems)
+        scene = scene_of(folder, systems)
         _require_walls(diagram, scene)
         return scene.plot, scene.model, scene.energy
     branch = diagram.branches[0]
@@ -160,8 +160,11 @@ def _names_its_scene(folder: Path) -> bool:
     return (folder / "manifest.json").exists() or (folder / "scene.toml").exists()
 
 
-def _scene_of(folder: Path, systems: Mapping[str, type[Model]]) -> Scene:
-    """The scene in a folder's manifest; without one, that of its scene file."""
+def scene_of(folder: Path, systems: Mapping[str, type[Model]]) -> Scene:
+    """Return the scene in a folder's manifest; without one, that of its scene file.
+
+    Raises InputError if there is neither.
+    """
     path, wanted = folder / "manifest.json", WANTED
     if not path.exists() and (folder / "scene.toml").exists():
         return load_scene(folder / "scene.toml", systems)

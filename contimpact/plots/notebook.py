@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from typing import Any
 
+from ..diagrams.ranges import Ranges
 from ..display import PAINTERS
 from ..errors import InputError
 from ..orbits.orbit import Orbit
@@ -20,6 +21,7 @@ from .curves import plot_curves
 from .diagram import plot_diagram
 from .maps import plot_map
 from .orbit import plot_orbit
+from .ranges import plot_ranges
 
 
 @functools.singledispatch
@@ -70,6 +72,11 @@ def _(result: Manifold, *x: Any, **options: Any) -> Any:
 @draw_result.register
 def _(result: BasinFractions, *x: Any, **options: Any) -> Any:
     return plot_fractions(result, *x, **options)
+
+
+@draw_result.register
+def _(result: Ranges, *x: Any, **options: Any) -> Any:
+    return plot_ranges(result, *x, **options)
 
 
 @draw_result.register

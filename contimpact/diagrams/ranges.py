@@ -1,0 +1,560 @@
+"""What is observed at each value of the parameter: attractors of branches and of a simulation.
+
+The parameter's range is cut where an attractor begins or ends. Periodic attractors are the stable
+physical orbits of the branches, whose ends are events; other motion is that of simulated attractors
+that lie on no branch, whose ends are known as exactly as the sweep has located them, or are the
+crisis or the event that lies there.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..continuation.ends import EndKind
+from ..display import NotebookResult, Summary, frame
+from ..errors import InputError, explain_arguments
+from ..models.model import Model
+from ..results.branch import Branch, Entry, model_at
+from ..results.catalogue import check_reading, load_diagram
+from ..results.diagram import Diagram
+from ..results.diagram_reading import Interval
+from ..results.result_folder import read_json
+from ..simulation.attractor import Attractor, Kind
+from ..simulation.basins import Coverage, cover
+from ..simulation.files import COVERAGE, TRANSITIONS, sweep_of
+from ..simulation.fractions import FRACTIONS, Share, fractions_of, shorten_names
+from ..simulation.sweep import Row, Sweep
+from ..storage.files import is_there, read_bounded
+from ..storage.texts import build_record, csv_text, fit_value
+from .crises import CR
+
+RANGES = "contimpact.ranges/1"
+"""Schema of the table of ranges."""
+FOLDER = "a folder of contimpact run or simulate"
+
+
+@dataclass(frozen=True)
+class Bound:
+    """Where an attractor begins or ends along the parameter."""
+
+    value: float
+    error: float
+    """Bound of the value's error; half the bracket's width where only simulation shows it."""
+    entry: str | None
+    """The event, by its name in the catalogue."""
+    text: str
+    """What happens there."""
+
+    def __str__(self) -> str:
+        return f"{self.value:.9g}: {self.text}"
+
+
+@dataclass(frozen=True)
+class Motion:
+    """An attractor over all values at which it is known."""
+
+    notation: str
+    branch: str | None
+    """Of its orbits; None for motion that simulation alone shows."""
+    low: Bound
+    high: Bound
+    simulated: int
+    """How many simulated attractors it is."""
+    values: Sequence[float] = field(repr=False)
+    speeds: Sequence[float] = field(repr=False)
+    """`values`, `speeds`: the largest speed before an impact at rising values."""
+
+    def speed(self, low: float, high: float) -> float:
+        """Return the largest impact speed between two values.
+
+        Of orbits it is interpolated between the points of the branch; of simulated motion it is
+        that of the values simulated there, or of both neighbours if there are none. Not a number
+        without impacts.
+        """
+        values, speeds = np.array(self.values), np.array(self.speeds)
+        if not len(values):
+            return math.nan
+        if self.branch:
+            ends = np.interp([low, high], values, speeds)
+        else:
+            first, beyond = np.searchsorted(values, (low, high)).tolist()
+            ends = speeds[max(first - 1, 0) : first + 1] if first == beyond else []
+        inside = speeds[(values >= low) & (values <= high)]
+        return float(max([*inside, *ends], default=math.nan))
+
+    def nearest(self, value: float) -> tuple[float, Bound]:
+        """Return the distance from a value to the nearer end, and that end."""
+        return min(
+            ((abs(end.value - value), end) for end in (self.low, self.high)), key=lambda e: e[0]
+        )
+
+
+@dataclass(frozen=True)
+class Observed:
+    """An attractor within a range."""
+
+    motion: Motion
+    speed: float
+    """Largest speed before an impact."""
+    fractions: tuple[float, float] | None
+    """Smallest and largest basin fraction counted in the range; None where none was."""
+
+
+@dataclass(frozen=True)
+class Range:
+    """Values of the parameter between which the same attractors are there."""
+
+    low: float
+    high: float
+    observed: Sequence[Observed]
+
+
+@dataclass(frozen=True, eq=False)
+class Ranges(NotebookResult):
+    """Which attractors are there over the whole range of a parameter."""
+
+    name: str
+    parameter: str
+    ranges: Sequence[Range]
+    motions: Sequence[Motion]
+    notes: Sequence[str] = ()
+    """What may be missing, and what would show it."""
+
+    def at(self, value: float) -> Range:
+        """Return the range in which a value lies.
+
+        Raises InputError if it lies in none.
+        """
+        for found in self.ranges:
+            if found.low <= value <= found.high:
+                return found
+        accepted = f"give one from {self.ranges[0].low:.9g} to {self.ranges[-1].high:.9g}"
+        raise InputError(self.parameter, f"found {value}", accepted)
+
+    def describe(self, value: float) -> str:
+        """Return in words what is observed at a value, and how far each attractor's end is."""
+        here = self.at(value)
+        lines = [f"{self.parameter} = {value:.9g}: {_count(here)}"]
+        for one in here.observed:
+            distance, end = one.motion.nearest(value)
+            way = "below" if end.value < value else "above"
+            share = f"; {_percent(one.fractions)} of starts" if one.fractions else ""
+            speed = one.motion.speed(value, value)
+            fastest = f"; impacts at up to {speed:.4g}" if math.isfinite(speed) else ""
+            lines += [
+                f"  {one.motion.notation}{_on(one.motion)}{fastest}{share}",
+                f"    nearest end {distance:.4g} {way}, at {end.value:.9g}: {end.text}",
+            ]
+        return "\n".join(lines)
+
+    def rows(self) -> list[tuple[Any, ...]]:
+        """Return a row for each attractor in each range, in the order of `COLUMNS`."""
+        return [
+            (r.low, r.high, m.notation, m.branch, m.simulated, one.speed)
+            + (one.fractions or (None, None))
+            + tuple(x for end in (m.low, m.high) for x in (end.value, end.error, end.text))
+            for r in self.ranges
+            for one in r.observed
+            for m in (one.motion,)
+        ]
+
+    def to_dataframe(self) -> Any:
+        """Return the rows as a pandas DataFrame; pandas must be installed."""
+        return frame([dict(zip(COLUMNS, row, strict=True)) for row in self.rows()])
+
+    def summary(self) -> Summary:
+        """Return the ranges in short."""
+        rows = [
+            (f"{r.low:.9g} to {r.high:.9g}", *cells)
+            for r in self.ranges
+            for cells in (list(map(_cells, r.observed)) or [("none is known", "", "", "")])
+        ]
+        columns = (self.parameter, "attractor", "fastest impact", "from", "to")
+        return Summary(f"{self.name}: attractors along {self.parameter}", columns, rows, self.notes)
+
+    def __repr__(self) -> str:
+        lines = [f"{self.name}: attractors along {self.parameter}"]
+        for r in self.ranges:
+            here = "; ".join(_cells(one)[0] for one in r.observed) or "no attractor is known"
+            lines.append(f"  {r.low:.9g} to {r.high:.9g}: {here}")
+        for m in self.motions:
+            speed = max(m.speeds, default=math.nan)
+            fastest = f", with impacts at up to {speed:.4g}" if math.isfinite(speed) else ""
+            lines.append(f"{m.notation}{_on(m)}{fastest}")
+            lines.append(f"  from {m.low}")
+            lines.append(f"  to   {m.high}")
+        return "\n".join([*lines, *self.notes])
+
+
+COLUMNS = (
+    *("low", "high", "notation", "branch", "simulated", "speed", "fraction_low", "fraction_high"),
+    *("from", "from_error", "from_what", "to", "to_error", "to_what"),
+)
+
+
+def _cells(one: Observed) -> tuple[str, str, str, str]:
+    motion = one.motion
+    speed = f"{one.speed:.4g}" if math.isfinite(one.speed) else ""
+    share = f" ({_percent(one.fractions)} of starts)" if one.fractions else ""
+    return f"{motion.notation}{_on(motion)}{share}", speed, str(motion.low), str(motion.high)
+
+
+def _on(motion: Motion) -> str:
+    return f" on {motion.branch}" if motion.branch else ", simulated"
+
+
+def _percent(parts: tuple[float, float]) -> str:
+    low, high = (f"{100.0 * part:.3g}" for part in parts)
+    return f"{low} %" if low == high else f"{low} to {high} %"
+
+
+def _count(r: Range) -> str:
+    number = len(r.observed)
+    return {0: "no attractor is known", 1: "one attractor"}.get(number, f"{number} attractors")
+
+
+def ranges_text(found: Ranges) -> str:
+    """Return the ranges as a table with a comment line."""
+    head = {"schema": RANGES, "name": found.name, "parameter": found.parameter}
+    return f"# {json.dumps({**head, 'notes': list(found.notes)})}\n" + csv_text(
+        COLUMNS, found.rows()
+    )
+
+
+@explain_arguments
+def attractor_ranges(
+    diagram: Diagram,
+    sweep: Sweep | None = None,
+    *,
+    coverage: Coverage | None = None,
+    brackets: Sequence[tuple[float, float]] = (),
+    fractions: Iterable[Share] = (),
+) -> Ranges:
+    """Return which attractors are there over the range of the followed parameter.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        Its stable physical orbits are attractors; its crises end complex motion.
+    sweep : Sweep, optional
+        Its attractors that lie on no branch are added, neighbours of each other as one motion.
+    coverage : Coverage, optional
+        Which attractors of the sweep lie on branches; found by `cover` otherwise.
+    brackets : sequence of (float, float)
+        Values before and after each transition of the sweep, where these are located more closely
+        than by its values.
+    fractions : iterable of Share
+        Basin fractions, as `BasinFractions.shares` gives them.
+
+    Returns
+    -------
+    Ranges
+
+    Raises
+    ------
+    InputError
+        If there is neither a branch nor a simulated attractor, or their parameters differ.
+    """
+    parameters = {branch.parameter for branch in diagram.branches}
+    parameters |= {sweep.parameter} if sweep is not None and sweep.rows else set()
+    if len(parameters) != 1:
+        found = f"the parameters {', '.join(sorted(parameters))}" if parameters else "no attractor"
+        raise InputError("diagram", found, "give branches and a sweep along one parameter")
+    parameter = parameters.pop()
+    reading = diagram.reading
+    motions = [_of_branch(diagram, interval) for interval in _whole(reading.stable)]
+    notes = [reading.incomplete] if diagram.branches and reading.incomplete else []
+    notes += [
+        f"not known whether {i.notation} on {i.branch} is stable from {i.low:.9g} to {i.high:.9g}"
+        for i in reading.unknown
+    ]
+    values = [v for b in diagram.branches for v in (b[parameter].min(), b[parameter].max())]
+    if sweep is None or not sweep.rows:
+        notes.append("complex motion is not known: nothing was simulated (contimpact simulate)")
+    else:
+        if coverage is None:
+            coverage = cover(sweep, diagram)
+        rest, counts = _split(sweep, coverage, motions)
+        motions = [replace(m, simulated=counts[k]) for k, m in enumerate(motions)]
+        simulated, more = _simulated(rest, sweep, diagram, brackets, motions)
+        motions += simulated
+        notes += more
+        swept = [row.value for row in sweep.rows]
+        if values and (min(swept) > min(values) or max(swept) < max(values)):
+            notes.append(f"simulated from {min(swept):.9g} to {max(swept):.9g} only")
+        values += swept
+    low, high = float(min(values)), float(max(values))
+    shares = list(fractions)
+    ranges = _cut(motions, low, high, shares)
+    return Ranges(diagram.name, parameter, ranges, motions, notes)
+
+
+@explain_arguments
+def load_ranges(folder: str | Path, model: Model | None = None) -> Ranges:
+    """Return the ranges of a folder of results: its branches, and what was simulated if it was.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Of ``contimpact run``, with what was simulated in it or in its folder ``simulation``, or of
+        ``contimpact simulate``.
+    model : Model, optional
+        The system, where the branches do not name it.
+
+    Returns
+    -------
+    Ranges
+
+    Raises
+    ------
+    InputError
+        If the folder holds neither branches nor attractors, or a file in it is damaged.
+    """
+    folder = Path(folder)
+    places = [folder, folder / "simulation"]
+    place = next((place for place in places if is_there(place / "sweep.csv")), None)
+    swept = place is not None
+    branches = is_there(folder / "catalogue.json") or not swept
+    diagram = load_diagram(folder) if branches else Diagram(folder.name, [])
+    if place is None:
+        return attractor_ranges(diagram)
+    if model is None:
+        if not diagram.branches:
+            raise InputError(str(folder), "no branch names the system", "give `model`")
+        model = model_at(diagram.branches[0], 0)
+    coverage, brackets, shares = None, list[tuple[float, float]](), list[Share]()
+    if is_there(path := place / "coverage.json"):
+        with check_reading(path, COVERAGE):
+            coverage = build_record(Coverage, read_json(path, COVERAGE, FOLDER))
+    if is_there(path := place / "transitions.json"):
+        with check_reading(path, TRANSITIONS):
+            brackets = [
+                fit_value([t["before"]["value"], t["after"]["value"]], tuple[float, float], "value")
+                for t in read_json(path, TRANSITIONS, FOLDER)["transitions"]
+            ]
+    if is_there(path := place / "fractions.csv"):
+        with check_reading(path, FRACTIONS):
+            shares = fractions_of(read_bounded(path).decode())
+    found = sweep_of(place / "sweep.csv", model)
+    return attractor_ranges(diagram, found, coverage=coverage, brackets=brackets, fractions=shares)
+
+
+# Stable orbits of branches.
+
+
+def _whole(intervals: Sequence[Interval]) -> list[Interval]:
+    """Intervals, those joined that meet where a closed branch begins and ends."""
+    closed, found = EndKind.CLOSED.name.lower(), list[Interval]()
+    for one in intervals:
+        for k, other in enumerate(found):
+            low, high = (other, one) if other.low < one.low else (one, other)
+            at_seam = (low.bounds[1], high.bounds[0]) == (closed, closed)
+            if other.branch == one.branch and at_seam and math.isclose(low.high, high.low):
+                bounds = (low.bounds[0], high.bounds[1])
+                found[k] = replace(one, low=low.low, high=high.high, bounds=bounds)
+                break
+        else:
+            found.append(one)
+    return found
+
+
+def _of_branch(diagram: Diagram, interval: Interval) -> Motion:
+    branch = diagram[interval.branch]
+    assert isinstance(branch, Branch)
+    events = {entry.id: entry for entry in diagram.entries}
+    low, high = (
+        _bound(branch, events, value, name)
+        for value, name in zip((interval.low, interval.high), interval.bounds, strict=True)
+    )
+    values, speeds = _speeds(branch, interval)
+    return Motion(interval.notation, interval.branch, low, high, 0, values, speeds)
+
+
+def _bound(branch: Branch, events: dict[str, Entry], value: float, name: str | None) -> Bound:
+    """The end of stable orbits: an event, that of the parent for a branch that is born there."""
+    entry = events.get((branch.origin if name == "born" else name) or "")
+    if entry is not None:
+        return Bound(value, entry.error, entry.id, f"{entry.label} {entry.id}")
+    words = {None: "the status changes between two points", "range": "the range ends"}
+    return Bound(value, 0.0, None, words.get(name, f"the branch ends ({name})"))
+
+
+def _speeds(branch: Branch, interval: Interval) -> tuple[list[float], list[float]]:
+    """Largest impact speeds of the orbits of an interval, at rising values of the parameter."""
+    values = branch[branch.parameter]
+    good = branch.stable & branch.physical
+    names = branch["event"]
+    ends = np.isin(names, [bound for bound in interval.bounds if bound])
+    inside = (good | ends) & (values >= interval.low) & (values <= interval.high)
+    if not branch.velocities.size:
+        return [], []
+    order = np.argsort(values[inside], kind="stable")
+    speeds = np.abs(branch.velocities[inside]).max(axis=1)
+    return values[inside][order].tolist(), speeds[order].tolist()
+
+
+# Simulated attractors that lie on no branch.
+
+
+def _split(
+    sweep: Sweep, coverage: Coverage, motions: Sequence[Motion]
+) -> tuple[list[Row], Counter[int]]:
+    """The attractors that lie on no branch, and how many lie on the orbits of each motion."""
+    matched = {(m.direction, m.value, m.notation): m.branch for m in coverage.matches}
+    counts = Counter[int]()
+    rest = []
+    for row in sweep.rows:
+        branch = matched.get((row.direction, row.value, row.attractor.notation))
+        if branch is None:
+            rest.append(row)
+            continue
+        near = [(_beyond(m, row.value), k) for k, m in enumerate(motions) if m.branch == branch]
+        if near:
+            counts[min(near)[1]] += 1
+    return rest, counts
+
+
+def _beyond(motion: Motion, value: float) -> float:
+    return max(motion.low.value - value, value - motion.high.value, 0.0)
+
+
+def _simulated(
+    rest: Sequence[Row],
+    sweep: Sweep,
+    diagram: Diagram,
+    brackets: Sequence[tuple[float, float]],
+    motions: Sequence[Motion],
+) -> tuple[list[Motion], list[str]]:
+    """Motions of attractors at neighbouring values that lie on no branch, and remarks."""
+    grid = sorted({row.value for row in sweep.rows})
+    place = {value: k for k, value in enumerate(grid)}
+    there: dict[int, list[Row]] = {}
+    for row in rest:
+        there.setdefault(place[row.value], []).append(row)
+    runs: list[list[int]] = []
+    for k in sorted(there):
+        if runs and runs[-1][-1] == k - 1:
+            runs[-1].append(k)
+        else:
+            runs.append([k])
+    found, lost = list[Motion](), 0
+    ends = _ends(diagram, motions)
+    for run in runs:
+        rows = [row for k in run for row in there[k]]  # at rising values
+        settled = [row for row in rows if row.attractor.kind is not Kind.NOT_SETTLED]
+        if not settled:
+            lost += len(rows)
+            continue
+        names = [row.attractor.notation for row in settled]
+        free = all(
+            row.attractor.motion is not None or not row.attractor.walls.size for row in settled
+        )
+        low, high = (
+            _edge(grid, run[0 if way < 0 else -1], way, brackets, [] if free else ends[way])
+            for way in (-1, +1)
+        )
+        speeds = [(row.value, _fastest(row.attractor)) for row in settled]
+        speeds = [pair for pair in speeds if math.isfinite(pair[1])]
+        values, largest = zip(*speeds, strict=True) if speeds else ((), ())
+        found.append(Motion(shorten_names(names), None, low, high, len(rows), values, largest))
+    note = f"{lost} simulated motions on no branch had not settled; give [simulate] more periods"
+    return found, [note] * (lost > 0)
+
+
+def _fastest(attractor: Attractor) -> float:
+    return float(np.max(np.abs(attractor.velocities), initial=-math.inf))
+
+
+def _ends(diagram: Diagram, motions: Sequence[Motion]) -> dict[int, list[Bound]]:
+    """What may be the lower (-1) and the upper (1) end of motion that lies on no branch.
+
+    It is a crisis, or where a stable orbit ends below it and begins above it.
+    """
+    crises = [
+        Bound(e.value, e.error, e.id, f"{e.label} {e.id}")
+        for e in diagram.entries
+        if e.crisis is not None
+    ]
+    neighbours = {-1: [m.high for m in motions], +1: [m.low for m in motions]}
+    return {
+        way: crises + [end for end in found if end.entry is not None]
+        for way, found in neighbours.items()
+    }
+
+
+def _edge(
+    grid: Sequence[float],
+    place: int,
+    way: int,
+    brackets: Sequence[tuple[float, float]],
+    ends: Sequence[Bound],
+) -> Bound:
+    """Where a run of simulated values ends on one side: an event in the bracket, or its middle.
+
+    A crisis may lie a step away, since transients outlast the attractor. Where several events lie
+    in a step of the sweep, it is too coarse to tell which one it is.
+    """
+    inner, outer = grid[place], grid[place + way] if 0 <= place + way < len(grid) else math.nan
+    if math.isnan(outer):
+        return Bound(inner, 0.0, None, "the sweep ends")
+    low, high = sorted((inner, outer))
+    step = high - low
+    crises = [e for e in ends if e.text.startswith(CR) and low - step <= e.value <= high + step]
+    closer = [(min(b), max(b)) for b in brackets if low <= min(b) < max(b) <= high]
+    if closer:
+        low, high = max(closer) if way > 0 else min(closer)
+    slack = high - low if closer else 0.0
+    near = crises or [end for end in ends if low - slack <= end.value <= high + slack]
+    if len(near) == 1 or (near and closer):
+        end = min(near, key=lambda end: abs(end.value - 0.5 * (low + high)))
+        error = end.error if crises else max(abs(end.value - low), abs(end.value - high))
+        return replace(end, error=error, text=f"{end.text}, where simulation has it")
+    text = f"simulated between {low:.9g} and {high:.9g}"
+    return Bound(0.5 * (low + high), 0.5 * (high - low), None, text)
+
+
+# Ranges.
+
+
+def _cut(
+    motions: Sequence[Motion], low: float, high: float, shares: Sequence[Share]
+) -> list[Range]:
+    """Cut the range where an attractor begins or ends."""
+    edges = [low]
+    tolerance = 1e-12 * max(abs(low), abs(high))
+    for value in sorted({end.value for m in motions for end in (m.low, m.high)}):
+        if edges[-1] + tolerance < value < high - tolerance:
+            edges.append(value)
+    edges.append(high)
+    found: list[Range] = []
+    for left, right in itertools.pairwise(edges):
+        middle = 0.5 * (left + right)
+        here = [m for m in motions if m.low.value < middle < m.high.value]
+        if found and [one.motion for one in found[-1].observed] == here:
+            left = found.pop().low
+        found.append(Range(left, right, [_observed(m, here, left, right, shares) for m in here]))
+    return found
+
+
+def _observed(
+    motion: Motion, here: Sequence[Motion], low: float, high: float, shares: Sequence[Share]
+) -> Observed:
+    """An attractor in a range, with its basin fractions where these are told apart."""
+    named = [m.notation for m in here if m.branch]
+    parts = dict.fromkeys((share.value for share in shares if low <= share.value <= high), 0.0)
+    for share in shares:
+        mine = share.notation == motion.notation if motion.branch else share.notation not in named
+        if share.value in parts and mine:
+            parts[share.value] += share.fraction
+    apart = named.count(motion.notation) < 2 if motion.branch else len(named) > len(here) - 2
+    given = (min(parts.values()), max(parts.values())) if parts and apart else None
+    return Observed(motion, motion.speed(low, high), given)

@@ -1,0 +1,172 @@
+"""Which attractors there are along a parameter: from branches, from simulation, and from both."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from zoo import ROOT
+
+import contimpact as ci
+from contimpact.cli import main
+from contimpact.diagrams.crises import add_crises, locate_crisis
+from contimpact.diagrams.ranges import attractor_ranges, load_ranges
+from contimpact.errors import InputError
+from contimpact.plots.ranges import plot_ranges
+from contimpact.results.diagram import Diagram
+from contimpact.simulation.fractions import Share
+from contimpact.simulation.settle import settle
+from contimpact.simulation.simulator import Simulator
+from contimpact.simulation.sweep import Sweep, sweep
+from contimpact.systems.impact_pair import ImpactPair
+
+PAIR = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.4)
+
+
+@pytest.fixture(scope="module")
+def fig7():
+    return load_ranges(ROOT / "branches/fig7")
+
+
+@pytest.fixture(scope="module")
+def diagram():
+    return ci.load_diagram(ROOT / "branches/fig7")
+
+
+def names(found):
+    return [[one.motion.notation for one in r.observed] for r in found.ranges]
+
+
+def test_branches_and_simulation_are_one_answer(fig7):
+    assert names(fig7) == [
+        [],
+        ["inf:1, 6:1, 5:1, 4:1"],
+        ["3:1"],
+        ["2:1", "3:1"],
+        ["2:1"],
+        ["2:1", "1:1/C"],
+        ["1:1/C"],
+        ["1:1/2T"],
+        ["1:1"],
+    ]
+    chaos = fig7.at(0.36).observed[0].motion
+    assert (chaos.branch, chaos.high.entry) == (None, "e7")
+    assert chaos.low.value == pytest.approx(0.3552, abs=1e-6)
+    assert chaos.low.error < 1e-6
+    fold = fig7.at(0.33).observed[0].motion.high
+    assert (fold.entry, fold.text) == ("e4", "FB e4")
+    assert fold.value == pytest.approx(0.35689527700013085, abs=1e-12)
+    assert any("from 0.2217 to 0.4016 only" in note for note in fig7.notes)
+    assert any("not surveyed" in note for note in fig7.notes)
+
+
+def test_what_simulation_from_random_starts_meets_is_listed(fig7):
+    """At values apart from those of the sweep, and from starts of its own."""
+    rng = np.random.default_rng(5)
+    for value in (0.2792, 0.3, 0.3561, 0.362, 0.375, 0.39):
+        simulator = Simulator(PAIR.replace(s=value))
+        listed = {one.motion.notation for one in fig7.at(value).observed}
+        met = set()
+        for _ in range(25):
+            time, speed = rng.uniform(0.0, 2.0), rng.uniform(0.1, 1.0)
+            met.add(settle(simulator, simulator.state("B", time, speed)).notation)
+        assert met <= listed, value
+
+
+def test_without_simulation_complex_motion_is_not_known(diagram):
+    found = attractor_ranges(diagram)
+    assert found.at(0.36).observed == []
+    assert "nothing was simulated" in found.notes[-1]
+    assert "0.356895277 to 0.365318559: no attractor is known" in repr(found)
+
+
+def test_the_crisis_is_the_end_of_the_complex_motion(diagram):
+    rows = sweep(PAIR, "s", np.arange(0.3562, 0.3546, -0.0002).tolist())
+    unstable = next(
+        o for o in ci.find_orbits(PAIR.replace(s=0.3554), "2:1", "s") if o.physical and not o.stable
+    )
+    crisis = locate_crisis(unstable)
+    assert isinstance(crisis, ci.diagrams.crises.Crisis)
+    with_crisis = add_crises(diagram, [replace(crisis, branch="b2")])
+    chaos = attractor_ranges(with_crisis, rows).at(0.356).observed[-1].motion
+    assert chaos.low.value == pytest.approx(0.355220528250598985, abs=1e-12)
+    assert chaos.low.text.startswith("CR[1:1/C|2:1] e")
+    assert chaos.low.error < 1e-9
+
+
+def test_speeds_are_those_of_the_orbits(fig7):
+    """Interpolated between points, against the orbit solved at the value."""
+    motion = fig7.at(0.5).observed[0].motion
+    orbit = next(o for o in ci.find_orbits(PAIR.replace(s=0.5), "1:1", "s") if o.stable)
+    assert motion.speed(0.5, 0.5) == pytest.approx(np.max(np.abs(orbit.velocities)), rel=1e-3)
+    assert motion.speed(0.5, 0.6) > motion.speed(0.5, 0.5)
+
+
+def test_how_far_the_ends_are(fig7):
+    distance, end = fig7.at(0.356).observed[0].motion.nearest(0.356)
+    assert distance == pytest.approx(0.35689527700013085 - 0.356, abs=1e-12)
+    assert end.text == "FB e4"
+    assert "nearest end 0.0008953 above, at 0.356895277: FB e4" in fig7.describe(0.356)
+    with pytest.raises(InputError, match=r"give one from 0\.08 to"):
+        fig7.at(2.0)
+
+
+def test_fractions_belong_to_motions(diagram):
+    shares = [Share(0.356, "2:1", 0.37), Share(0.356, "1:1/C", 0.63), Share(0.5, "1:1", 1.0)]
+    rows = sweep(PAIR, "s", [0.36, 0.358, 0.3565, 0.356, 0.3555])
+    found = attractor_ranges(diagram, rows, fractions=shares)
+    parts = {one.motion.notation: one.fractions for one in found.at(0.356).observed}
+    assert parts == {"2:1": (0.37, 0.37), "1:1/C": (0.63, 0.63)}
+    assert found.at(0.5).observed[0].fractions == (1.0, 1.0)
+    assert found.at(0.3).observed[0].fractions is None
+    assert "2:1 on b2 (37 % of starts)" in repr(found)
+
+
+def test_a_closed_branch_has_no_end_where_it_was_begun():
+    """1:0 of two masses is a loop, followed from omega = 1.8."""
+    found = load_ranges(ROOT / "branches/two_masses")
+    texts = [end.text for m in found.motions for end in (m.low, m.high)]
+    assert not any("closed" in text for text in texts)
+    (loop,) = (m for m in found.motions if m.notation == "1:0")
+    assert loop.low.value < 1.8 < loop.high.value
+
+
+def test_refusals():
+    with pytest.raises(InputError, match="no attractor"):
+        attractor_ranges(Diagram("empty", []))
+    diagram = ci.load_diagram(ROOT / "branches/fig7")
+    others = sweep(PAIR, "r", [0.3, 0.31])
+    with pytest.raises(InputError, match="parameters r, s"):
+        attractor_ranges(diagram, others)
+    assert attractor_ranges(diagram, Sweep(PAIR, "s", [])).motions
+
+
+def test_the_command(capsys, tmp_path):
+    assert main(["range", str(ROOT / "branches/fig7"), "--at", "0.356"]) == 0
+    printed = capsys.readouterr().out
+    assert printed.startswith("s = 0.356: 2 attractors\n  2:1 on b2; impacts at up to 0.6378\n")
+    table = tmp_path / "ranges.csv"
+    assert main(["range", str(ROOT / "branches/fig7"), "-o", str(table)]) == 0
+    head, *lines = table.read_text(encoding="utf-8").splitlines()
+    assert json.loads(head[2:])["schema"] == "contimpact.ranges/1"
+    rows = list(csv.DictReader(lines))
+    assert [row["branch"] for row in rows if float(row["low"]) < 0.356 < float(row["high"])] == [
+        "b2",
+        "",
+    ]
+    assert main(["range", str(tmp_path / "none")]) == 2
+    assert "give a folder made by contimpact run" in capsys.readouterr().err
+
+
+def test_bars(fig7):
+    ax = plot_ranges(fig7)
+    assert [label.get_text() for label in ax.get_yticklabels()][:3] == [
+        "inf:1, 6:1, 5:1, 4:1",
+        "3:1",
+        "2:1",
+    ]
+    assert len(ax.patches) == len(fig7.motions)
