@@ -318,7 +318,7 @@ class FlightInState:
         return NUDGE * body.clock[0] if at_rest else 0.0
 
     def breaks(
-        self, body: Body, wall: int, phase: float, velocity: float, window: int
+        self, body: Body, wall: int, phase: float, velocity: float, window: float
     ) -> Iterator[list[float]]:
         """Yield times after leaving, in a window of a period, between which velocity is monotone.
 

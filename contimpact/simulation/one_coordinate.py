@@ -21,8 +21,9 @@ from ..segments.arithmetic import ARRAYS, Kernel, evaluate_in
 from ..segments.compiling import CompiledProgram, load, mode, timed_plainly
 from ..segments.flight import chebyshev_zeros, first_arrival, rounding_along, time_zeros
 from ..segments.kernels import Kernels
+from ..segments.layout import Family
 from ..segments.segment import neighbouring_guards
-from .flights import FlightInState, fly_in_time, motion_at
+from .flights import FlightInState, first_hit, fly_in_time, motion_at
 from .impacts import (
     Body,
     Hold,
@@ -270,34 +271,73 @@ class OneCoordinate:
         return wall_on(self.body, wall, side), dt, speed
 
     def start(self, time: float, position: float, velocity: float) -> State | None:
-        """Return the first impact of a body that starts between the walls; None for none."""
-        low, high = self._around(position)
+        """Return the first impact of a body that starts between the walls of the first mode; None
+        for none."""
+        wall = next(
+            k for k, g in enumerate(self.model.WALLS) if g.next_mode == self.model.first_mode
+        )
+        low, high = self._around(position, wall)
         if not low <= 0.0 <= high:
             raise OutsideError(
                 "position", f"{position!r} is beyond a wall", "start within the walls"
             )
-        if self.zeros is None:
-            found = f"the acceleration of {self.model.SYSTEM} depends on the state"
-            raise InputError("position", found, "start at a wall")
         turns = math.floor(time / self.period)
         phase = time - turns * self.period
-
-        def motion(head: tuple[float, float], dt: float, values: Sequence[float]) -> Any:
-            phase, out = head
-            x, speed, acceleration = self._motion((0, phase, 0.0), dt)
-            return out * dt + x, out + speed, acceleration
-
-        toward = self.sides[0] * (1 if self.pressed(0, phase)[0] else -1)
-        rising = velocity > 0.0 or (velocity == 0.0 and toward > 0)
-        head, longest = (phase, velocity), self.longest
-        times = (self.zeros, phase, self.period, longest)
-        side, dt, speed, _ = first_arrival(
-            motion, head, self.values, *times, 0.0, rising, low, high
-        )
+        start = self._start_in_time if self.zeros is not None else self._start_in_state
+        side, dt, speed = start(wall, phase, position, velocity, low, high)
         if side == 0:
             return None
         phase, passed = wrap_time(phase + dt, self.period)
-        return State(wall_on(self.body, 0, side), phase, speed, turns + passed)
+        return State(wall_on(self.body, wall, side), phase, speed, turns + passed)
+
+    def _start_in_time(
+        self, wall: int, phase: float, _: float, velocity: float, low: float, high: float
+    ) -> tuple[int, float, float]:
+        """The flight from a place between walls, where the acceleration depends on the time."""
+
+        def motion(head: tuple[float, float], dt: float, values: Sequence[float]) -> Any:
+            phase, out = head
+            x, speed, acceleration = self._motion((wall, phase, 0.0), dt)
+            return out * dt + x, out + speed, acceleration
+
+        toward = self.sides[wall] * (1 if self.pressed(wall, phase)[0] else -1)
+        rising = velocity > 0.0 or (velocity == 0.0 and toward > 0)
+        times = (self.zeros, phase, self.period, self.longest)
+        return first_arrival(
+            motion, (phase, velocity), self.values, *times, 0.0, rising, low, high
+        )[:3]
+
+    def _start_in_state(
+        self, wall: int, phase: float, position: float, velocity: float, low: float, high: float
+    ) -> tuple[int, float, float]:
+        """The same where it depends on the state, in closed form.
+
+        Kernels know such flights from walls on, and from a state at t = 0. A linear flight passes
+        the place at the phase from one such state, which need not lie within the walls.
+        """
+        kernel, values = self.kernels.since(self.model.WALLS[wall].name), self.values
+        if any(motion.family is Family.INTEGRATED for motion in self.motions):
+            found = f"the flights of {self.model.SYSTEM} are integrated, from a wall on"
+            raise InputError("position", found, "start at a wall")
+        ends = np.array([kernel(*at, phase, *values)[:2] for at in ((0, 0), (1, 0), (0, 1))])
+        state = np.linalg.solve((ends[1:] - ends[0]).T, (position, velocity) - ends[0]).tolist()
+
+        def motion(head: Any, dt: float, _: Any) -> Any:
+            return kernel(*head, dt, *values)
+
+        body = self.body._replace(low=[position + low], high=[position + high])
+        flight = FlightInState((kernel,), motion)
+        rising = velocity > 0.0 or (velocity == 0.0 and motion(state, phase, values)[2] > 0.0)
+        side, left, speed = 0, phase, velocity
+        windows = (phase / self.period + k for k in range(self.longest))
+        x, v = state
+        for breaks in (b for window in windows for b in flight.breaks(body, 0, x, v, window)):
+            side, left, speed, rising = first_hit(
+                motion, state, values, breaks, left, rising, body.low[0], body.high[0]
+            )
+            if side:
+                break
+        return side, left - phase, speed
 
     def path(self, states: Sequence[State], times: Array, points: int) -> Any:
         """Return gap coordinate and velocity from impact to impact: times, x and v by flights."""

@@ -27,6 +27,9 @@ from contimpact.simulation.impacts import release_after
 from contimpact.simulation.lyapunov import exponents, exponents_of
 from contimpact.simulation.run import Outcome, State
 from contimpact.simulation.simulator import Simulator
+from contimpact.systems.duffing import Duffing
+from contimpact.systems.oscillator import Oscillator
+from contimpact.systems.soft_stop import SoftStop
 
 
 @pytest.fixture(scope="session")
@@ -421,6 +424,35 @@ def test_a_start_between_the_walls(pair, simulator_of):
     assert found.wall == hit
     assert found.phase + 2 * found.turns == pytest.approx(0.4 + dt, abs=1e-14)
     assert found.velocity == pytest.approx(speed, abs=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("model", "wall"),
+    [
+        (Oscillator(a=1.0, omega=1.3, c=0.1, k=1.0, sigma=0.5, r=0.8), "S"),
+        (SoftStop(a=1.0, omega=0.71, c=0.1, k=1.0, e=0.5, k_b=20.0, c_b=0.3), "R"),
+    ],
+    ids=["oscillator", "soft-stop"],
+)
+@pytest.mark.parametrize("phase", [0.0, 0.4, 5.0])
+def test_a_start_between_the_walls_where_the_acceleration_depends_on_the_state(model, wall, phase):
+    """It arrives where the flight does from which it is taken, soft stops in their first mode."""
+    simulator = Simulator(model)
+    speed = -0.7 if wall == "R" else 0.7
+    k = simulator.letters.index(wall)
+    hit, dt, arrives = simulator.fly(k, phase, speed)
+    for part in (0.1, 0.5, 0.9):
+        x, v, _ = simulator.kernels.motion(wall)(phase, speed, part * dt, *simulator.values)
+        found = simulator.start(phase + part * dt, simulator.positions[k] + x, v)
+        assert found.wall == hit
+        assert found.phase + simulator.period * found.turns == pytest.approx(phase + dt, abs=1e-12)
+        assert found.velocity == pytest.approx(arrives, abs=1e-12)
+
+
+def test_a_start_of_an_integrated_flight_is_refused():
+    duffing = Duffing(alpha=1.0, beta=0.2, c=0.1, a=1.0, omega=1.2, sigma=0.5, r=0.8)
+    with pytest.raises(InputError, match="are integrated, from a wall on; start at a wall"):
+        Simulator(duffing).start(0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
