@@ -6,7 +6,8 @@ has, the one that is reached first ends it. At rigid walls impacts accumulate by
 mode (`flights`), in which other walls may be hit and held. It ends where a contact ceases to
 push, or where another impact moves the system off the wall.
 
-Nothing here is compiled.
+Flights on which no wall is held are made by `linear_runs`, plainly or compiled, where all are
+linear; nothing here is compiled.
 """
 
 from __future__ import annotations
@@ -42,7 +43,8 @@ from .flights import (
     windows,
 )
 from .impacts import EARLY, LOW, SHORT, wrap_time
-from .run import Outcome, OutsideError, PassageRule, State, columns_of
+from .linear_runs import Law, LinearRuns, Setting
+from .run import Outcome, OutsideError, PassageRule, State, columns_of, join_columns
 
 # Starts anywhere within the guards of a mode; what lies elsewhere is refused.
 
@@ -483,9 +485,21 @@ class Automaton:
         Returns the last state, why the run ended, the number of rows, and their columns.
         """
         most, last = span
+        parts: list[list[Any]] = []
         rows: list[State] = []
         made, outcome = 0, Outcome.DONE
         while made < most and state.turns < last:
+            if self._runs is not None and not (state.held or state.released):
+                parts.append(columns_of(rows))
+                given = (most - made, last), asked, record, fastest
+                state, why, count, columns = self._runs.make(state, *given)
+                parts.append(columns)
+                rows, made = [], made + count
+                if why is not None:
+                    outcome = why
+                    if outcome is not Outcome.DONE:
+                        break
+                    continue
             found = self.next(state) if state.speed <= fastest else Outcome.RUNAWAY
             if isinstance(found, Outcome):
                 outcome = found
@@ -493,7 +507,38 @@ class Automaton:
             state, made = found, made + 1
             if record:
                 rows.append(state)
-        return state, outcome, made, columns_of(rows)
+        return state, outcome, made, join_columns([*parts, columns_of(rows)], 2 * self.size - 2)
+
+    @functools.cached_property
+    def _runs(self) -> LinearRuns | None:
+        """What makes flights on which no wall is held, if all of them are linear."""
+        if not all(self.linear) or self._through.pairs:
+            return None
+        walls = range(len(self.guards))
+        kernels = [self.kernels.law(guard.name) for guard in self.guards]
+        size = 2 * self.size + len(self.values)
+        if any(kernel.__code__.co_argcount != size for kernel in kernels):
+            return None
+        motions = [self.flying(k, 0) for k in walls]
+        laws = [
+            Law(guard.next_mode, motion.shape, tuple(motion.numbers))
+            for guard, motion in zip(self.guards, motions, strict=True)
+        ]
+        setting = Setting(
+            [tuple(map(float, row)) for row in self.rows],
+            [guard.side for guard in self.guards],
+            self.positions,
+            self.restitution,
+            self.passages,
+            laws,
+            self.values,
+            self.period,
+            self.longest,
+        )
+        try:
+            return LinearRuns(setting, kernels)
+        except OverflowError:
+            return None
 
     def start(
         self, time: float, position: Sequence[float], velocity: Sequence[float], mode: str

@@ -79,17 +79,18 @@ def array(numbers: Sequence[float], kind: str) -> Array:
 
 
 class Engine:
-    """Compiled code for all simulators with the same motions.
+    """Compiled code for all simulators with the same formulas.
 
     Parameters
     ----------
-    motions : sequence of Kernel
-        After each wall.
+    identity, arguments, build
+        As of `compiling.load`.
     """
 
-    def __init__(self, motions: Sequence[Kernel]) -> None:
-        self.motions = motions
-        self.identity = ("simulate", *formulas(motions))
+    def __init__(
+        self, identity: tuple[str, ...], arguments: str, build: Callable[[], Program]
+    ) -> None:
+        self.identity, self.arguments, self.build = identity, arguments, build
         self.found: CompiledProgram | None = None
         self.plain = 0
 
@@ -106,7 +107,7 @@ class Engine:
             return None
         if self.found is None and (chosen == "always" or asked + self.plain >= WORTH):
             self.plain = 0
-            self.found = load(self.identity, ARGUMENTS, lambda: program_of(self.motions))
+            self.found = load(self.identity, self.arguments, self.build)
         return self.found
 
 
@@ -115,7 +116,9 @@ _ENGINES: dict[tuple[str, ...], Engine] = {}
 
 def engine_of(motions: Sequence[Kernel]) -> Engine:
     """Return the engine for these motions; simulators of the same formulas share it."""
-    return _ENGINES.setdefault(formulas(motions), Engine(motions))
+    identity = ("simulate", *formulas(motions))
+    build = functools.partial(program_of, motions)
+    return _ENGINES.setdefault(identity, Engine(identity, ARGUMENTS, build))
 
 
 def formulas(motions: Sequence[Kernel]) -> tuple[str, ...]:

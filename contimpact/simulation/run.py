@@ -169,6 +169,15 @@ def columns_of(rows: Sequence[State]) -> list[Any]:
     ]
 
 
+def join_columns(parts: Sequence[Sequence[Any]], width: int) -> list[Any]:
+    """Return the columns of parts of a run as those of the whole, for so many other coordinates."""
+    parts = [part for part in parts if len(part[0])] or parts[-1:]
+    if len(parts) == 1:
+        return list(parts[0])
+    more = more_joined(parts, width)
+    return [*join_runs(parts), more["others"], more["held"]]
+
+
 def more_joined(parts: Sequence[Sequence[Any]], width: int) -> dict[str, Array]:
     """Return the columns that runs of several coordinates have besides, by name."""
     others = [np.array(part[5], dtype=float).reshape(len(part[5]), width) for part in parts]

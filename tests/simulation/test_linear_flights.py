@@ -1,0 +1,178 @@
+"""Linear flights from impact to impact: against the automaton, and plain against compiled."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from event_driven import random_scene
+from zoo import TWO_MASSES
+
+from contimpact.results.scene import read_scene
+from contimpact.simulation import linear_flights, linear_runs
+from contimpact.simulation.run import Outcome
+from contimpact.simulation.simulator import Simulator
+from contimpact.systems.coupled_by_impact import CoupledByImpact
+from contimpact.systems.impact_damper import ImpactDamper
+from contimpact.systems.two_masses import TwoMasses
+
+needs_llvmlite = pytest.mark.skipif(
+    importlib.util.find_spec("llvmlite") is None, reason="the extra 'fast' is not installed"
+)
+
+COMPLEX = {"omega": 1.3, "sigma_1": 0.1, "sigma_2": 0.2, "r": 0.8}
+STICKING = {"omega": 0.6, "sigma_1": 0.1, "sigma_2": 0.3, "r": 0.5}
+
+
+def masses(**given):
+    return TwoMasses(**(TWO_MASSES | given))
+
+
+MODELS = {
+    "complex": masses(**COMPLEX),
+    "sticking": masses(**STICKING),
+    "stiff": masses(**COMPLEX | {"k2": 60.0, "c2": 20.0}),
+    "free ball": ImpactDamper(Omega=1.0, d=20.0, r=0.8, mu=0.1, zeta=0.01),
+    "on each other": CoupledByImpact(
+        m2=2, c1=0.1, c2=0.2, k1=1, k2=2, a1=1, omega=1.3, gap=0.2, r=0.7
+    ),
+    "hybrid, position": read_scene(random_scene(2)).model,
+    "hybrid, three modes": read_scene(random_scene(4)).model,
+}
+
+
+@pytest.fixture(scope="module")
+def simulators():
+    found = {}
+
+    def simulator(name):
+        if name not in found:
+            found[name] = Simulator(MODELS[name])
+        return found[name]
+
+    return simulator
+
+
+def starts(simulator, count, seed=0):
+    generator = np.random.default_rng(seed)
+    return [simulator.random_state(generator) for _ in range(count)]
+
+
+def apart(one, other, period):
+    """The largest difference of two states, beside their sizes."""
+    time = (one.turns - other.turns) * period + one.phase - other.phase
+    pairs = zip(one.section, other.section, strict=True)
+    return max(abs(time), *(abs(a - b) / max(1.0, abs(a)) for a, b in pairs))
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_every_impact_is_that_of_the_automaton(simulators, name):
+    """Guards, walls held and releases are the same; times and states to rounding."""
+    simulator = simulators(name)
+    automaton, made = simulator.machine, 0
+    assert automaton._runs is not None
+    for start in starts(simulator, 6):
+        run = simulator.run(start, impacts=25)
+        rows = [start, *run.states()]
+        for before, after in pairwise(rows):
+            alone = automaton.next(before)
+            assert (after.wall, after.held, after.released) == (
+                alone.wall,
+                alone.held,
+                alone.released,
+            )
+            assert apart(after, alone, simulator.period) < 2e-13
+        if run.outcome is not Outcome.DONE:
+            assert automaton.next(rows[-1]) is run.outcome
+        made += len(rows) - 1
+    assert made > 100
+
+
+def test_a_motion_sticks_as_the_automaton_has_it(simulators):
+    """Chatter ends in a sojourn, which other impacts may share, and a release."""
+    simulator = simulators("sticking")
+    run = simulator.run(starts(simulator, 1)[0], impacts=300)
+    assert np.count_nonzero(run.released) > 5
+    assert np.count_nonzero(run.held) > 5
+
+
+def test_a_polynomial_on_a_part_of_its_piece():
+    """Against binomial sums of its own."""
+    terms = linear_flights.TERMS
+    space = [*np.random.default_rng(1).normal(size=terms).tolist(), *[0.0] * terms]
+    start = linear_flights.shift(space, 0, terms, 0.375, 0.125)
+    whole = [0.0, *space[:terms]]
+    for j in range(1, terms + 1):
+        shifted = sum(math.comb(k, j) * whole[k] * 0.375 ** (k - j) for k in range(j, terms + 1))
+        assert space[terms + j - 1] == pytest.approx(shifted * 0.125**j, rel=1e-10, abs=1e-25)
+    assert start == pytest.approx(sum(c * 0.375**k for k, c in enumerate(whole)), rel=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_no_arrival_on_a_piece_is_missed(seed):
+    """Against all roots of polynomials whose walls lie near their extrema."""
+    terms, draw = linear_flights.TERMS, np.random.default_rng(seed)
+    c = draw.normal(size=terms) / [math.factorial(k) for k in range(terms)]
+    c *= [6.0 ** draw.uniform(0.0, 1.0) if k else draw.uniform(-0.3, 0.3) for k in range(terms)]
+    samples = np.polyval([*c[::-1], 0.0], np.linspace(0.0, 1.0, 1001))
+    near = 10.0 ** draw.uniform(-13, -1)
+    low, high = min(samples) - draw.choice([-1, 1]) * near, max(samples) + near
+    low, high = min(low, -1e-3), max(high, 1e-3)
+    space = [*c.tolist(), *[0.0] * terms]
+    rising = c[0] > 0.0
+    side, s, speed = linear_flights.first_in_piece(space, 0, terms, rising, low, high)
+    found = []
+    for wall, out in ((low, -1), (high, 1)):
+        roots = np.roots([*c[::-1], -wall])
+        real = roots[(abs(roots.imag) < 1e-9) & (roots.real > 0.0) & (roots.real <= 1.0)].real
+        found += [(float(root), out) for root in real]
+    if not found:
+        assert side == 0
+        return
+    first, out = min(found)
+    tangent = abs(np.polyval(np.polyder([*c[::-1], 0.0]), first)) < 1e-5
+    assert side == out or tangent
+    if side:
+        assert s == pytest.approx(first, abs=1e-5 if tangent else 1e-11)
+        assert speed * side >= 0.0
+
+
+@needs_llvmlite
+@pytest.mark.parametrize("name", MODELS)
+def test_compiled_runs_are_the_same_to_the_last_bit(simulators, plain_and_compiled, name):
+    simulator = simulators(name)
+    for start in starts(simulator, 3, seed=1):
+        plain, fast = plain_and_compiled(lambda start=start: simulator.run(start, impacts=150))
+        assert plain == fast
+        blind = simulator.run(start, impacts=150, record=False)
+        assert (blind.end, blind.outcome, len(blind)) == (plain.end, plain.outcome, 0)
+
+
+@needs_llvmlite
+def test_parts_of_runs_join(simulators, plain_and_compiled, monkeypatch):
+    simulator = simulators("sticking")
+    start = starts(simulator, 1)[0]
+    whole = simulator.run(start, impacts=100)
+    monkeypatch.setattr(linear_runs, "FEW", 7)
+    for part in plain_and_compiled(lambda: simulator.run(start, impacts=100)):
+        assert part == whole
+    half = simulator.run(start, impacts=50)
+    rest = simulator.run(half.end, impacts=50)
+    assert [*half.states(), *rest.states()] == whole.states()
+
+
+def test_what_is_not_resolved_is_left_to_the_automaton(simulators, monkeypatch):
+    """The numbers are those of the automaton alone."""
+    start = starts(simulators("complex"), 1)[0]
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "never")
+    monkeypatch.setattr(linear_flights, "PARTS", 0)
+    model = MODELS["complex"]
+    left, alone = (Simulator(model, simulators("complex").kernels) for _ in range(2))
+    alone.machine.__dict__["_runs"] = None
+    some = left.run(start, impacts=20)
+    assert [s.wall for s in some.states()] == [
+        s.wall for s in alone.run(start, impacts=20).states()
+    ]
