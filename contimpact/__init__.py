@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from .models.model import Wall as Wall
     from .orbits.orbit import Orbit as Orbit
     from .page.notebook import view as view
+    from .plots.attractors import plot_basins as plot_basins
     from .plots.attractors import plot_energy as plot_energy
     from .plots.attractors import plot_manifold as plot_manifold
     from .plots.attractors import plot_sweep as plot_sweep
@@ -58,6 +59,8 @@ if TYPE_CHECKING:
     from .results.scene import load_scene as load_scene
     from .results.scene import read_scene as read_scene
     from .segments.checking import check_model as check_model
+    from .simulation.basins import Basins as Basins
+    from .simulation.basins import basins as basins
     from .simulation.basins import cover as cover
     from .simulation.energy import energy as energy
     from .simulation.energy import losses as losses
@@ -67,6 +70,7 @@ if TYPE_CHECKING:
     from .simulation.manifolds import grow_manifold as grow_manifold
     from .simulation.settle import settle as settle
     from .simulation.simulator import Simulator as Simulator
+    from .simulation.sweep import find_attractors as find_attractors
     from .simulation.sweep import sweep as sweep
     from .simulation.transitions import find_transitions as find_transitions
     from .studies.run import run_study as run_study
@@ -161,6 +165,9 @@ _PLACES = {
     "load_ranges": "diagrams.ranges",
     "grow_manifold": "simulation.manifolds",
     "cover": "simulation.basins",
+    "basins": "simulation.basins",
+    "Basins": "simulation.basins",
+    "find_attractors": "simulation.sweep",
     "load_study": "studies.study_file",
     "read_study": "studies.study_file",
     "run_study": "studies.run",
@@ -172,6 +179,7 @@ _PLACES = {
     "plot_orbit": "plots.orbit",
     "plot_sweep": "plots.attractors",
     "plot_transitions": "plots.curves",
+    "plot_basins": "plots.attractors",
     "plot_energy": "plots.attractors",
     "plot_manifold": "plots.attractors",
 }

@@ -12,7 +12,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from .errors import InputError, explain_arguments, missing, printable
+from .errors import (
+    InputError,
+    did_you_mean,
+    explain_arguments,
+    missing,
+    printable,
+    short_repr,
+)
 
 LINES = 10
 """Largest number of lines in a text that shows a result."""
@@ -32,7 +39,41 @@ class Summary:
     notes: Sequence[str] = ()
 
 
-class NotebookResult:
+class Named:
+    """What answers an attribute that it does not have with what gives it instead."""
+
+    if not TYPE_CHECKING:  # where types are read, an attribute that is not there is a mistake
+
+        def __getattr__(self, name: str) -> Any:
+            raise missing(self, name)
+
+
+class ParameterItems(Named):
+    """What has values of parameters, which are its items."""
+
+    parameters: Any
+    """Mapping of names to values."""
+
+    __iter__ = None
+    """Parameters are looked up; what is iterated over is said elsewhere."""
+
+    def __getitem__(self, name: str) -> float:
+        """Return the value of a parameter, or of a derived parameter."""
+        known: Mapping[str, float] = self.parameters
+        if isinstance(name, str) and name in known:
+            return known[name]
+        kind, hint = type(self).__name__.lower(), did_you_mean(str(name), known)
+        text = f"{kind} has no parameter {short_repr(name)}{hint}"
+        raise KeyError(f"{text}; it has {', '.join(known) or 'none'}")
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.parameters
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self.parameters)
+
+
+class NotebookResult(Named):
     """What shows itself in a notebook as a table and a picture, and can be plotted."""
 
     def summary(self) -> Summary:
@@ -42,11 +83,6 @@ class NotebookResult:
     def plot(self, *x: Any, **options: Any) -> Any:
         """Draw the result; see `contimpact.plot`."""
         return plot(self, *x, **options)
-
-    if not TYPE_CHECKING:  # where types are read, an attribute that is not there is a mistake
-
-        def __getattr__(self, name: str) -> Any:
-            raise missing(self, name)
 
     def _repr_html_(self) -> str:
         return table_of(self.summary())
@@ -94,13 +130,15 @@ def plot(result: Any, *x: Any, **options: Any) -> Any:
 
     Parameters
     ----------
-    result : Branch, Orbit, Diagram, Curve, Entry, Sweep, Manifold or Study
+    result : Branch, Orbit, Diagram, Curve, Entry, Attractor, Run, Sweep, Basins, Manifold, Study
+        Branches, curves, or orbits and events also as a list.
     *x
-        Of branches and diagrams the column on the x axis; of a study the quantity.
+        Of branches, diagrams and sweeps what is on the x axis; of a study the quantity.
     **options
         Of the function that draws it: `plot_diagram` for branches and diagrams, `plot_orbit` for
-        orbits and events, `plot_curves`, `plot_sweep`, `plot_manifold`; for a study, `quantity`
-        and the options of `Study.map`.
+        orbits and events, `plot_curves`, `plot_sweep`, `plot_basins`, `plot_manifold`; `model` of
+        attractors and runs that were read from a file; for a study, `quantity` and the options of
+        `Study.map`.
 
     Returns
     -------

@@ -99,7 +99,7 @@ def test_what_has_no_picture_says_so():
         def summary(self):
             return Summary("odd", [], [])
 
-    assert picture_of(Odd()).startswith("<p>no picture: picture: found a Odd")
+    assert picture_of(Odd()).startswith("<p>no picture: picture: found test_what_has")
 
 
 def test_every_text_has_ten_lines(results):

@@ -109,7 +109,7 @@ def test_results_are_plotted_by_their_method(branch):
         plane, series = result.plot(periods=3)
         assert plane.figure is series.figure
     assert np.ptp(ci.plot(branch.orbit(0), periods=5)[1].get_xlim()) > 4.0
-    with pytest.raises(InputError, match="found a list"):
+    with pytest.raises(InputError, match=r"found \[\]; give branches"):
         ci.plot([])
 
 
@@ -132,6 +132,13 @@ ci.plot(d); ci.plot(b, "d"); ci.plot_diagram(d, "d"); ci.plot_diagram(b); ci.plo
 ci.plot_orbit(o); d.reading; d.summary(); d.to_dataframe(); o.plot(); e.plot()
 o.times; o.velocities; o.stable; o.word; o["s"]; o.parameters["s"]; o.period; o.path()
 ci.energy(o); o.to_dataframe(); c.plot(); c["r"]; c[2:4]; c.name; c.points; ci.plot_curves([c])
+"s" in m; "s" in o; sim["s"]; sim.parameters; sim.random_state(); ci.settle(m); ci.settle(sim)
+run["s"]; run.plot(); run.to_dataframe(); run.times; ci.plot(run); repr(run); run.parameters
+att["d"]; att.plot(); ci.plot(att); att.stable; att.orbit(); att.to_dataframe(); att._repr_html_()
+sw["s"]; sw["d"]; sw[0]; sw[0]["s"]; len(sw); sw.attractors; sw.values; list(sw); sw.plot("d")
+ci.basins(m, shape=(2, 3)); ci.Basins; bas.plot(); ci.plot(bas); ci.plot_basins(bas); bas["s"]
+bas.shares; bas._repr_html_(); ci.find_attractors(m, 2); ci.plot([b, b]); ci.plot([o, e])
+sim._ipython_key_completions_(); att._ipython_key_completions_(); o._ipython_key_completions_()
 b._ipython_key_completions_(); pickle.loads(pickle.dumps(d)) == d; copy.deepcopy(b) == b
 d._repr_html_(); repr(b)
 """
@@ -170,7 +177,15 @@ ANSWERED = {
     "ci.follow('nope.toml')": "no such file",
     "ci.run('scene.toml')": "there is 'follow'",
     "ci.simulate(m)": "there is 'sweep'",
-    "ci.basins(m)": "there is 'cover'",
+    "ci.basins(m, wall='Q')": "the walls are B, T",
+    "ci.basins(m, shape=40)": "such as (40, 40)",
+    "att['q']": "attractor has no parameter 'q'; it has beta",
+    "o['q']": "orbit has no parameter 'q'; it has beta",
+    "sw['q']": "it has beta, r",
+    "sim.sweep('s', [0.4])": "call contimpact.sweep(simulator, ...)",
+    "run.settle()": "call contimpact.settle(run, ...)",
+    "ci.plot('folder')": "as contimpact.load reads it",
+    "ci.plot(m)": "there are pictures of branches, diagrams",
     "ci.switch(pd)": "there is 'continue_born'",
     "b[0]": "branch.orbit(0)",
     "b['PD']": "branch.orbit('e2')",
@@ -196,6 +211,10 @@ def names(model, branch):
     curve = ci.follow_curve(doubling, None, "r", (0.3, 0.6), (0.29, 0.31))
     known = {"m": model, "b": branch, "e": branch.events[0], "pd": doubling, "c": curve}
     known |= {"o": branch.orbit(9), "d": ci.Diagram("one", [branch])}
+    simulator = ci.Simulator(model)
+    known |= {"sim": simulator, "run": simulator.run(simulator.random_state(), impacts=9)}
+    known |= {"att": ci.settle(simulator), "sw": ci.sweep(model, "s", [0.5, 0.49])}
+    known["bas"] = ci.basins(simulator, shape=(2, 3))
     return {"ci": ci, "copy": copy, "pickle": pickle, **known}
 
 
@@ -250,6 +269,32 @@ def test_a_mistake_within_a_call_is_reported_as_it_is(model):
 def test_capitals_are_no_other_name():
     with pytest.raises(InputError, match=r"S: no such parameter \(did you mean 's'\?\)"):
         ci.ImpactPair(beta=0.5, r=0.3, A=5.0, S=0.5)
+
+
+def test_interrupted_simulations_keep_what_they_had(model):
+    def interrupt(*done):
+        raise KeyboardInterrupt
+
+    swept = ci.sweep(model, "s", [0.5, 0.49], callback=interrupt)
+    assert swept.interrupted
+    assert swept.values.tolist() == [0.5]
+    assert "interrupted" in repr(swept)
+    basins = ci.basins(model, shape=(2, 3), callback=interrupt)
+    assert basins.interrupted
+    assert (basins.labels >= 0).tolist() == [[True] * 3, [False] * 3]
+    assert "interrupted after 3" in repr(basins)
+    assert sum(basins.shares) == pytest.approx(1.0)
+    assert basins.plot().get_xlabel()
+
+
+def test_what_was_read_from_a_file_asks_for_its_model(names, tmp_path):
+    for name in ("att", "run"):
+        ci.save(names[name], tmp_path / "one.json")
+        again = ci.load(tmp_path / "one.json")
+        assert again == names[name]
+        with pytest.raises(InputError, match="give the model it was simulated with"):
+            again.plot()
+        assert again.plot(model=names["m"])
 
 
 @pytest.mark.parametrize("call", ANSWERED)

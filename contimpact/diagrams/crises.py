@@ -395,7 +395,10 @@ def locate_in_scene(scene: Scene, diagram: Diagram, progress: Asked = False) -> 
     about: dict[str, Any] = {"settling": options.settling, "rng": options.seed}
     about |= {"kernels": Kernels(*given), "progress": progress}
     for _, values in options.sweeps():
-        rows += sweep(*given, values, **about).rows
+        found = sweep(*given, values, **about)
+        if found.interrupted:
+            raise KeyboardInterrupt
+        rows += found.rows
     return add_crises(diagram, find_crises(Sweep(*given, rows), diagram))
 
 

@@ -336,9 +336,11 @@ class _Director:
                 self.progress(f"{shown}: {done} of {total} starts")
 
             shape, settling = (self.options.grid,) * 2, self.options.settling
-            self.result.basins.append(
-                basins(simulator, shape=shape, settling=settling, known=known, callback=report)
-            )
+            found = basins(simulator, shape=shape, settling=settling, known=known, callback=report)
+            if found.attractors:
+                self.result.basins.append(found)
+            if found.interrupted:
+                raise KeyboardInterrupt
 
     def fractions(self) -> None:
         options = self.options

@@ -715,6 +715,13 @@ class Model(ABC):
         self.require(name, name)
         return self.values[name]
 
+    __iter__ = None
+    """Its items are looked up by name; `parameters` is a dictionary of them."""
+
+    def __contains__(self, name: object) -> bool:
+        """Whether it has a parameter, or derived parameter, of a name."""
+        return name in self.values or name in self.DERIVED
+
     @property
     def parameters(self) -> dict[str, float]:
         """Values of all parameters, derived ones included."""

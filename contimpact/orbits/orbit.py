@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..arrays import Array
-from ..display import NotebookResult, Summary, frame, limit_lines
+from ..display import NotebookResult, ParameterItems, Summary, frame, limit_lines
 from ..errors import InputError
 from ..models.model import Model
 from ..models.word import Word, name_orbit
@@ -55,7 +55,7 @@ def sensitivity_of(orbit: Orbit, parameter: str) -> Sensitivity:
 
 
 @dataclass(frozen=True, eq=False)
-class Orbit(NotebookResult):
+class Orbit(ParameterItems, NotebookResult):
     """A periodic orbit, physical or not.
 
     Attributes
@@ -152,10 +152,6 @@ class Orbit(NotebookResult):
     def period(self) -> float:
         """The orbit's period, in the model's clock."""
         return self.linearisation.span
-
-    def __getitem__(self, name: str) -> float:
-        """Return the value of a parameter."""
-        return self.parameters[name]
 
     def path(self, points: int = 200) -> Path:
         """Return the motion along one period: times, gap coordinate and velocity.

@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.patches import Patch
 
-from ..errors import explain_arguments
+from ..errors import InputError, explain_arguments
+from ..models.model import Model
 from ..orbits.orbit import Orbit
 from ..results.branch import Branch
 from ..results.diagram import Diagram
@@ -29,6 +30,7 @@ from ..simulation.basins import Basins
 from ..simulation.energy import attractor_voltages
 from ..simulation.fractions import BasinFractions
 from ..simulation.manifolds import Manifold
+from ..simulation.run import Run
 from ..simulation.simulator import Simulator
 from ..simulation.sweep import Row, Simulators, Sweep, same_attractor
 from ..storage.files import Content, write_all
@@ -100,6 +102,26 @@ def motion(
         z, v = z[:, None], v[:, None]
     hits = [row for row in zip(times, walls, speeds, released, strict=True) if not row[3]]
     return t, z, v, [(time, int(wall), speed) for time, wall, speed, _ in hits]
+
+
+def attractor_of_run(run: Run, model: Model | None = None) -> Attractor:
+    """Return a run's impacts as a motion that is drawn as it is.
+
+    Raises InputError if neither the run nor the call names the system, or there is no impact.
+    """
+    model = model or run.model
+    if model is None:
+        accepted = "give the model it was simulated with as model="
+        raise InputError("model", "missing: a run in a file does not name its system", accepted)
+    if not len(run):
+        raise InputError("run", "it has no impacts", "give a longer one")
+    table = {n: getattr(run, n) for n in ("walls", "times", "velocities", "released")}
+    if run.held.size:
+        table |= {"others": run.others, "held": run.held}
+    known = model.parameters
+    return Attractor(
+        Kind.NOT_SETTLED, known, f"{len(run)} impacts", run.period, **table, model=model
+    )
 
 
 def coordinates_of(simulator: Simulator) -> list[int]:
@@ -624,14 +646,28 @@ def _branch_voltages(ax: Any, membrane: Membrane, diagram: Diagram, x: str) -> l
 # Basins.
 
 
+@explain_arguments
 def plot_basins(found: Basins, ax: Any = None) -> Any:
-    """Draw which attractor each start leads to, and where the attractors hit the wall."""
+    """Draw which attractor each start leads to, and where the attractors hit the wall.
+
+    Parameters
+    ----------
+    found : Basins
+    ax : matplotlib.axes.Axes, optional
+        A new figure otherwise.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
     ax = ax or style.new_figure(6.4, 4.4).add_subplot()
     colours = np.array([_rgb(SPOTS[k % len(SPOTS)]) for k in range(len(found.attractors))])
+    if not found.attractors:
+        raise InputError("basins", "no start was made", "let it run for longer")
     period = found.attractors[0].forcing_period
     half = 0.5 * abs(found.velocities[1] - found.velocities[0]) if len(found.velocities) > 1 else 1
     low, high = min(found.velocities) - half, max(found.velocities) + half
-    image = colours[found.labels]
+    image = np.where(found.labels[..., None] < 0, 1.0, colours[found.labels])
     if found.velocities[0] > found.velocities[-1]:
         image = image[::-1]
     extent, pixels = (0.0, 1.0, low, high), {"origin": "lower", "interpolation": "nearest"}

@@ -3,25 +3,43 @@
 from __future__ import annotations
 
 import functools
+from pathlib import Path
 from typing import Any
 
 from ..diagrams.ranges import Ranges
 from ..display import PAINTERS
-from ..errors import InputError
+from ..errors import InputError, short_repr
+from ..models.model import Model
 from ..orbits.orbit import Orbit
 from ..results.branch import Branch, Entry
 from ..results.curve import Curve
 from ..results.diagram import Diagram
+from ..simulation.attractor import Attractor
+from ..simulation.basins import Basins
 from ..simulation.fractions import BasinFractions
 from ..simulation.manifolds import Manifold
+from ..simulation.run import Run
+from ..simulation.simulator import Simulator
 from ..simulation.sweep import Sweep
 from ..studies.study import Study
-from .attractors import plot_fractions, plot_manifold, plot_sweep
+from .attractors import (
+    attractor_of_run,
+    plot_basins,
+    plot_fractions,
+    plot_manifold,
+    plot_sweep,
+    portrait_figure,
+)
 from .curves import plot_curves
 from .diagram import plot_diagram
 from .maps import plot_map
 from .orbit import plot_orbit
 from .ranges import plot_ranges
+
+DRAWN = (
+    "branches, diagrams, curves, orbits, events, attractors, runs, sweeps, basins, fractions, "
+    "ranges, manifolds and studies"
+)
 
 
 @functools.singledispatch
@@ -30,7 +48,10 @@ def draw_result(result: Any, *x: Any, **options: Any) -> Any:
 
     Raises InputError if it cannot be drawn.
     """
-    raise InputError("picture", f"found a {type(result).__name__}", "there is none")
+    found = f"found {short_repr(result)}"
+    if isinstance(result, str | Path):
+        raise InputError("picture", found, "give a result, as contimpact.load reads it")
+    raise InputError("picture", found, f"there are pictures of {DRAWN}")
 
 
 PAINTERS.append(draw_result)
@@ -60,8 +81,35 @@ def _(result: Any, *x: Any, **options: Any) -> Any:
 
 
 @draw_result.register
-def _(result: Sweep, **options: Any) -> Any:
-    return plot_sweep(result, **options)
+def _(result: Attractor, model: Model | None = None) -> Any:
+    simulator = Simulator(result.require_model(model))
+    return tuple(portrait_figure(simulator, result, {}).axes)
+
+
+@draw_result.register
+def _(result: Run, model: Model | None = None) -> Any:
+    return draw_result(attractor_of_run(result, model))
+
+
+@draw_result.register
+def _(result: Basins, *x: Any, **options: Any) -> Any:
+    return plot_basins(result, *x, **options)
+
+
+@draw_result.register
+def _(result: list | tuple, *x: Any, **options: Any) -> Any:
+    for kind, draw in ((Branch, plot_diagram), (Curve, plot_curves)):
+        if result and all(isinstance(one, kind) for one in result):
+            return draw(result, *x, **options)
+    if result and all(isinstance(one, Orbit | Entry) for one in result):
+        return plot_orbit(*result, *x, **options)
+    found = f"found {short_repr(result)}"
+    raise InputError("picture", found, "give branches, curves, or orbits and events")
+
+
+@draw_result.register
+def _(result: Sweep, *x: str, **options: Any) -> Any:
+    return plot_sweep(result, **{**({"x": x[0]} if x else {}), **options})
 
 
 @draw_result.register

@@ -53,7 +53,7 @@ def plot_orbit(
     periods : int
         Forcing periods that the time series has at least.
     model : Model, optional
-        The system of attractors, which do not name it, and of what names a system that is not
+        The system of attractors that were read from a file, and of what names a system that is not
         imported; parameter values are those of what is drawn.
 
     Returns
@@ -99,9 +99,6 @@ def plot_orbit(
 def _orbit(given: Any, model: Model | None) -> Orbit:
     if not isinstance(given, Attractor):
         return to_orbit(given, model)
-    if model is None:
-        accepted = "give the model it was simulated with as model="
-        raise InputError("orbits", "an attractor, which does not name its system", accepted)
     return given.orbit(model)
 
 

@@ -13,7 +13,7 @@ from ..arrays import Array
 from ..bifurcations.requested import PERIOD
 from ..continuation.branch import same_place
 from ..continuation.ends import End, EndKind
-from ..display import NotebookResult, Summary, frame, limit_lines
+from ..display import NotebookResult, ParameterItems, Summary, frame, limit_lines
 from ..errors import InputError, printable, short_repr
 from ..models.model import Model
 from ..models.word import Word, name_orbit
@@ -247,7 +247,7 @@ STATES = {"positions": "position", "velocities": "velocity"}
 
 
 @dataclass(frozen=True)
-class Entry(NotebookResult):
+class Entry(ParameterItems, NotebookResult):
     """An event on a branch, as the catalogue records it; the attributes are its keys.
 
     Attributes
@@ -388,10 +388,6 @@ class Entry(NotebookResult):
         """
 
         return orbit_of(self, model)
-
-    def __getitem__(self, name: str) -> float:
-        """Return the value of a parameter there."""
-        return self.parameters[name]
 
     def as_row(self) -> dict[str, Any]:
         """Return the entry as a row of a table; impacts and multipliers are spread over columns."""

@@ -6,12 +6,13 @@ import enum
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..arrays import Array
+from ..display import NotebookResult, ParameterItems, Summary, frame
 from ..errors import InputError
 from ..models.model import Model
 from ..orbits.multipliers import multipliers, roots
@@ -35,7 +36,7 @@ class Kind(enum.Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class Attractor:
+class Attractor(ParameterItems, NotebookResult):
     """What was found at one set of parameter values.
 
     Attributes
@@ -91,6 +92,8 @@ class Attractor:
     motion : tuple of float or None
         Of such a motion, if it settles on one of the forcing's period, position and velocity of
         each coordinate at t = 0: the unknowns x0, v0, x1, v1, ... of an orbit of the word ``0``.
+    model : Model or None
+        Its system at these values; None if it was read from a file.
     """
 
     kind: Kind
@@ -119,6 +122,12 @@ class Attractor:
     mode: str = ""
     motion: tuple[float, ...] | None = None
     exponent_sum: float | None = None
+    model: Model | None = field(default=None, compare=False)
+
+    @property
+    def stable(self) -> bool:
+        """Whether it is a periodic motion all of whose multipliers are within the unit circle."""
+        return self.multipliers is not None and max(map(abs, self.multipliers)) < 1.0
 
     @property
     def label(self) -> str:
@@ -141,15 +150,49 @@ class Attractor:
         word = f" ({self.word})" if self.word else ""
         return f"<{self.notation}{word}, velocities {np.array2string(self.velocities[:8])}>"
 
-    def orbit(self, model: Model, parameter: str | None = None) -> Orbit:
+    def summary(self) -> Summary:
+        """Return its kind and its impacts in short."""
+        rows = [(row["wall"], row["time"], row["velocity"]) for row in self._impacts()]
+        title = f"Attractor {self.notation}: {self.kind.value}"
+        notes = [", ".join(f"{name} = {value:.9g}" for name, value in self.parameters.items())]
+        return Summary(title, ("wall", "time", "velocity before impact"), rows, notes)
+
+    def to_dataframe(self) -> Any:
+        """Return the impacts as a pandas DataFrame, a row for each; pandas must be installed."""
+        return frame(self._impacts())
+
+    def _impacts(self) -> list[dict[str, Any]]:
+        letters = self.model.letters if self.model else ()
+        return [
+            {"wall": letters[wall] if letters else wall, "time": time, "velocity": velocity}
+            for wall, time, velocity in zip(
+                self.walls.tolist(), self.times.tolist(), self.velocities.tolist(), strict=True
+            )
+        ]
+
+    def require_model(self, model: Model | None = None) -> Model:
+        """Return a model at the attractor's values: one that is given, or its own.
+
+        Raises InputError if there is none, or it has other parameters.
+        """
+        model = model or self.model
+        if model is None:
+            found = "missing: an attractor in a file does not name its system"
+            raise InputError("model", found, "give the model it was simulated with as model=")
+        if lacking := [name for name in model.values if name not in self.parameters]:
+            found = f"an attractor without {', '.join(lacking)}"
+            raise InputError("model", found, "give the model it was simulated with")
+        return model.replace(**{name: self.parameters[name] for name in model.values})
+
+    def orbit(self, model: Model | None = None, parameter: str | None = None) -> Orbit:
         """Return a periodic motion as an orbit, which can be followed.
 
         Raises InputError if the motion is no orbit of impacts, or the system another one.
 
         Parameters
         ----------
-        model : Model
-            Its system; parameter values are taken from the attractor.
+        model : Model, optional
+            Its system, where it was read from a file; parameter values are the attractor's.
         parameter : str, optional
             That may be followed; the model's first one by default.
         """
@@ -158,18 +201,17 @@ class Attractor:
         if self.kind is not Kind.PERIODIC or self.word is None or self.period is None:
             accepted = "give one that is periodic; plot_sweep and portraits show any motion"
             raise InputError("attractor", f"found {self.label}", accepted)
-        if lacking := [name for name in model.values if name not in self.parameters]:
-            found = f"an attractor without {', '.join(lacking)}"
-            raise InputError("model", found, "give the model it was simulated with")
-        at = model.replace(**{name: self.parameters[name] for name in model.values})
-        followed = parameter or next(iter(model.values))
+        at = self.require_model(model)
+        followed = parameter or next(iter(at.values))
         columns = [self.times, self.velocities, *self.others.T]
         unknowns = [*np.stack(columns, axis=1).ravel(), at.values[followed]]
         return orbit_with(at, (self.word, self.period), followed, np.array(unknowns))
 
     def as_record(self) -> dict[str, Any]:
         """Return plain data from which `from_record` makes the same attractor."""
-        record = asdict(self) | {"kind": self.kind.name}
+        record = {f.name: getattr(self, f.name) for f in fields(self) if f.compare}
+        record |= {"kind": self.kind.name, "parameters": dict(self.parameters)}
+        record["state"] = asdict(self.state) if self.state else None
         for name in ("walls", "times", "velocities", "released", "others", "held"):
             record[name] = getattr(self, name).tolist()
         if not self.held.size:

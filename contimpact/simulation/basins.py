@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..errors import explain_arguments
+from ..display import NotebookResult, ParameterItems, Summary, limit_lines
+from ..errors import InputError, explain_arguments, short_repr
+from ..models.model import Model
 from ..models.word import Word, is_rotation
 from ..orbits.orbit import Orbit
 from ..orbits.quiet import problem_of
@@ -23,7 +25,7 @@ from ..segments.kernels import Kernels
 from .attractor import Attractor, Kind
 from .run import Outcome, Run, State
 from .settle import settle
-from .simulator import Simulator
+from .simulator import Simulator, as_simulator
 from .sweep import Row, Sweep, same_attractor
 
 REACHED = 1e-5
@@ -31,8 +33,8 @@ REACHED = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
-class Basins:
-    """Basins of attraction among impacts on one wall."""
+class Basins(ParameterItems, NotebookResult):
+    """Basins of attraction among impacts on one wall, as `basins` finds them."""
 
     wall: str
     wall_number: int
@@ -43,21 +45,48 @@ class Basins:
     velocities: Array
     """Velocities before it, shape (m,)."""
     labels: Array
-    """Number of the attractor reached, shape (m, n)."""
+    """Number of the attractor reached, shape (m, n); -1 where an interruption left a start out."""
     attractors: list[Attractor]
     others: tuple[float, ...] = ()
     """The other section coordinates, the same for all starts: with several degrees of freedom the
     picture is a section through the basins."""
+    interrupted: bool = False
+    """Whether it was interrupted before all starts were made."""
 
     @property
     def shares(self) -> list[float]:
-        """The part of the starts that leads to each attractor."""
-        counts = np.bincount(self.labels.ravel(), minlength=len(self.attractors))
-        return [float(count / self.labels.size) for count in counts]
+        """The part of the starts made that leads to each attractor."""
+        made = self.labels[self.labels >= 0]
+        counts = np.bincount(made, minlength=len(self.attractors))
+        return [float(count / max(made.size, 1)) for count in counts]
+
+    def summary(self) -> Summary:
+        """Return the attractors and their shares of the starts."""
+        rows = [
+            (a.notation, f"{share:.1%}", ", ".join(f"{v:.6g}" for v in a.velocities[:8]))
+            for a, share in zip(self.attractors, self.shares, strict=True)
+        ]
+        return Summary(self._head(), ("attractor", "starts", "velocities before impact"), rows)
+
+    def _head(self) -> str:
+        m, n = self.labels.shape
+        low, high = float(self.velocities[0]), float(self.velocities[-1])
+        place = f"impacts on {self.wall}, velocities {low:.4g} to {high:.4g}"
+        made = int(np.count_nonzero(self.labels >= 0))
+        cut = f"; interrupted after {made}" if self.interrupted else ""
+        count = len(self.attractors)
+        named = f"{count} attractor{'s' if count != 1 else ''}"
+        return f"Basins of {named}, {n} by {m} {place}{cut}"
+
+    def __repr__(self) -> str:
+        named = zip((a.notation for a in self.attractors), self.shares, strict=True)
+        rows = [f"  {share:7.1%}  {name}" for name, share in named]
+        return limit_lines(self._head(), rows)
 
 
+@explain_arguments
 def basins(
-    simulator: Simulator,
+    simulator: Simulator | Model,
     *,
     wall: str | None = None,
     shape: tuple[int, int] = (40, 40),
@@ -70,6 +99,7 @@ def basins(
 
     Parameters
     ----------
+    simulator : Simulator or Model
     wall : str, optional
         Wall of the first impact; the model's first one by default.
     shape : (m, n)
@@ -77,34 +107,57 @@ def basins(
     fastest : float, optional
         Largest velocity; by default twice the largest of the attractors known, or what a period of
         the largest acceleration gives.
+    settling : Settling
     known : sequence of Attractor
         Attractors at these parameter values found before.
     callback : callable, optional
         Called with starts done and their number.
+
+    Returns
+    -------
+    Basins
+        After Ctrl-C with the starts made until then.
+
+    Raises
+    ------
+    InputError
+        If there is no such wall, or a shape is no pair of whole numbers above zero.
 
     Notes
     -----
     With several degrees of freedom all starts have the other coordinates of the fastest impact on
     that wall that the attractors known have, or zero.
     """
+    simulator = as_simulator(simulator)
     letter = wall or simulator.letters[0]
+    if letter not in simulator.letters:
+        accepted = f"the walls are {', '.join(simulator.letters)}"
+        raise InputError("wall", f"no wall {short_repr(letter)}", accepted)
+    if not isinstance(shape, tuple | list) or [n for n in shape if not n >= 1] or len(shape) != 2:
+        accepted = "give numbers of velocities and phases, such as (40, 40)"
+        raise InputError("shape", f"found {short_repr(shape)}", accepted)
     side = simulator.sides[simulator.letters.index(letter)]
     largest = fastest or _fastest(simulator, known)
     m, n = shape
     velocities = side * largest * (np.arange(m) + 0.5) / m
     phases = simulator.period * (np.arange(n) + 0.5) / n
     found = list(known)
-    labels = np.zeros(shape, dtype=int)
+    labels = np.full(shape, -1)
     others = _other_coordinates(simulator, letter, known)
-    for i, velocity in enumerate(velocities.tolist()):
-        for j, phase in enumerate(phases.tolist()):
-            state = simulator.state(letter, phase, velocity, others)
-            labels[i, j] = attractor_number(simulator, state, found, settling)
-        if callback:
-            callback((i + 1) * n, m * n)
+    interrupted = False
+    try:
+        for i, velocity in enumerate(velocities.tolist()):
+            for j, phase in enumerate(phases.tolist()):
+                state = simulator.state(letter, phase, velocity, others)
+                labels[i, j] = attractor_number(simulator, state, found, settling)
+            if callback:
+                callback((i + 1) * n, m * n)
+    except KeyboardInterrupt:
+        interrupted = True
     parameters = {**simulator.model.values, **simulator.derived}
     number = simulator.letters.index(letter)
-    return Basins(letter, number, parameters, phases, velocities, labels, found, others)
+    about = (letter, number, parameters, phases, velocities, labels, found, others)
+    return Basins(*about, interrupted)
 
 
 def _other_coordinates(

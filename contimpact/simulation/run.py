@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
 
 from ..arrays import Array
+from ..display import NotebookResult, ParameterItems, Summary, frame, limit_lines
 from ..errors import InputError
 from ..models.guards import slides_at
+from ..models.model import Model
 from ..segments.kernels import Kernels
 from ..segments.touches import margin
 from .impacts import wrap_time
@@ -72,7 +74,7 @@ class State:
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class Run(ParameterItems, NotebookResult):
     """The result of a simulation, a row per impact or release."""
 
     letters: tuple[str, ...]
@@ -102,8 +104,50 @@ class Run:
     left: State | None = None
     """The impact, or release, that the last flight leaves, where that meets no guard."""
 
+    model: Model | None = None
+    """The system simulated; None if the run was read from a file."""
+
     def __len__(self) -> int:
         return len(self.walls)
+
+    def __bool__(self) -> bool:
+        return True
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """All parameters and derived parameters; none if the run was read from a file."""
+        return self.model.parameters if self.model else {}
+
+    def to_dataframe(self) -> Any:
+        """Return the rows as a pandas DataFrame; pandas must be installed."""
+        return frame(self._rows(slice(None)))
+
+    def _rows(self, part: slice) -> dict[str, Any]:
+        return {
+            "wall": [self.letters[wall] for wall in self.walls[part]],
+            "time": self.times[part],
+            "velocity": self.velocities[part],
+            "released": self.released[part],
+        }
+
+    def summary(self) -> Summary:
+        """Return the last impacts, and why the run ended."""
+        last = self._rows(slice(-20, None))
+        return Summary(self._head(), list(last), list(zip(*last.values(), strict=True)))
+
+    def _head(self) -> str:
+        count = int(np.count_nonzero(~self.released))
+        spans = float(self.turns[-1] - self.turns[0]) + 1 if len(self) else 0
+        return f"Run of {count} impacts in {spans:.0f} periods: {self.outcome.value}"
+
+    def __repr__(self) -> str:
+        last = self._rows(slice(-5, None))
+        rows = [
+            f"  {wall}{'*' if released else ' '} t = {time:.12g}  v = {velocity:.12g}"
+            for wall, time, velocity, released in zip(*last.values(), strict=True)
+        ]
+        more = [f"  ... {len(self) - len(rows)} before"] if len(self) > len(rows) else []
+        return limit_lines(self._head(), rows, ahead=more)
 
     @property
     def times(self) -> Array:
@@ -114,8 +158,8 @@ class Run:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Run):
             return NotImplemented
-        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
-        return all(np.array_equal(one, its) for one, its in pairs)
+        names = [f.name for f in fields(self) if f.name != "model"]
+        return all(np.array_equal(getattr(self, n), getattr(other, n)) for n in names)
 
     __hash__ = object.__hash__
 

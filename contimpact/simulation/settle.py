@@ -12,12 +12,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from scipy.linalg import eig
 
 from ..arrays import Array
 from ..errors import InputError, explain_arguments
+from ..models.model import Model
 from ..models.word import Word
 from ..results.simulate_tables import SETTLING, Settling
 from ..segments.flight import flight_gaps
@@ -33,7 +35,7 @@ from .attractor import (
 )
 from .lyapunov import Contraction, contraction, derivative_product, exponents_of
 from .run import Outcome, Run, State
-from .simulator import Simulator, free_motion, state_after
+from .simulator import Simulator, as_simulator, free_motion, state_after
 
 # Multipliers and exponents of cycles, and what rounding leaves of them.
 #
@@ -284,16 +286,20 @@ _ENDS = {
 
 @explain_arguments
 def settle(
-    simulator: Simulator, state: State | None, settling: Settling = SETTLING, *, mode: str = ""
+    simulator: Simulator | Model,
+    state: State | Literal["random"] | None = "random",
+    settling: Settling = SETTLING,
+    *,
+    mode: str = "",
 ) -> Attractor:
     """Simulate until it is known what the motion settles on, or the time is up.
 
     Parameters
     ----------
-    simulator : Simulator
-    state : State or None
-        Where the motion starts. None, as `Simulator.start` returns it, is a motion that meets no
-        wall.
+    simulator : Simulator or Model
+    state : State or None, optional
+        Where the motion starts; an impact at random by default. None, as `Simulator.start` returns
+        it, is a motion that meets no wall.
     settling : Settling
     mode : str, optional
         The mode of a motion that meets no wall; the first one by default, as of `Simulator.start`.
@@ -302,8 +308,18 @@ def settle(
     -------
     Attractor
     """
+    simulator = as_simulator(simulator)
+    if isinstance(state, str):
+        state = simulator.random_state()
     if state is None:
-        return without_impact(simulator, mode)
+        found = without_impact(simulator, mode)
+    else:
+        found = _settled(simulator, state, settling)
+    return replace(found, model=simulator.model)
+
+
+def _settled(simulator: Simulator, state: State, settling: Settling) -> Attractor:
+    """What the motion from a state settles on."""
     begun, made = state.turns, 0
     run = simulator.run(state, impacts=FIRST)
     if run.outcome is not Outcome.DONE:

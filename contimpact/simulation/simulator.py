@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
+from ..display import ParameterItems
 from ..errors import InputError, explain_arguments
 from ..models.model import Model
 from ..segments.kernels import Kernels
@@ -40,7 +41,7 @@ resonance of a gain below it does. Where laws are not linear its flights take ev
 
 
 @explain_arguments
-class Simulator:
+class Simulator(ParameterItems):
     """Simulates one model at fixed parameter values.
 
     Parameters
@@ -85,6 +86,11 @@ class Simulator:
     def several(self) -> bool:
         """Whether it is simulated with all its coordinates, by the `automaton`."""
         return isinstance(self.machine, Automaton)
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """All parameters and derived parameters."""
+        return {**self.model.values, **self.derived}
 
     # Flights.
 
@@ -197,9 +203,14 @@ class Simulator:
             raise InputError("others", f"{len(others)} numbers", accepted)
         return State(k, time, velocity, others=tuple(map(float, others))).within(self.period)
 
-    def random_state(self, generator: np.random.Generator) -> State:
-        """Return an impact at random: wall, phase, and velocities up to what a period gives."""
-        return self.machine.random(generator)
+    def random_state(self, generator: Any = 0) -> State:
+        """Return an impact at random: wall, phase, and velocities up to what a period gives.
+
+        Parameters
+        ----------
+        generator : None, int or numpy.random.Generator, default 0
+        """
+        return self.machine.random(np.random.default_rng(generator))
 
     @property
     def fastest(self) -> float:
@@ -296,7 +307,16 @@ class Simulator:
         left = state if outcome is Outcome.NO_IMPACT else None
         width = self.model.unknowns_per_impact - 2
         more = more_joined(parts, width) if self.several else {}
-        return Run(self.letters, self.period, *join_runs(parts), outcome, end, **more, left=left)
+        return Run(
+            self.letters,
+            self.period,
+            *join_runs(parts),
+            outcome,
+            end,
+            **more,
+            left=left,
+            model=self.model,
+        )
 
     # The linearised map.
 
@@ -316,6 +336,11 @@ class Simulator:
         if isinstance(self.machine, Automaton):
             return derivative_between(self.machine, start, end)
         return np.array(self.derivative(start, end)).reshape(2, 2)
+
+
+def as_simulator(of: Simulator | Model) -> Simulator:
+    """Return a simulator, that of a model if a model is given."""
+    return Simulator(of) if isinstance(of, Model) else of
 
 
 def has_several_coordinates(model: Model, kernels: Kernels) -> bool:

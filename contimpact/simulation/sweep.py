@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, overload
 
 import numpy as np
 
-from ..display import NotebookResult, Summary, frame, limit_lines
-from ..errors import InputError, explain_arguments
+from ..arrays import Array
+from ..display import NotebookResult, ParameterItems, Summary, frame, limit_lines
+from ..errors import InputError, did_you_mean, explain_arguments, short_repr
 from ..models.model import Model
 from ..progress import Asked, progress_lines
 from ..results.simulate_tables import SETTLING, Settling
@@ -25,14 +26,14 @@ from ..storage.texts import build_record
 from .attractor import Attractor, Kind
 from .run import State
 from .settle import settle
-from .simulator import Simulator
+from .simulator import Simulator, as_simulator
 
 SAME = 1e-6
 """Periodic attractors whose velocities and phases differ by less are one."""
 
 
 @dataclass(frozen=True)
-class Row:
+class Row(ParameterItems):
     """An attractor of a sweep: the way it was found, the parameter value and what it is.
 
     `direction` is ``down`` or ``up`` for falling or rising values of the parameter, and ``random``
@@ -42,6 +43,11 @@ class Row:
     direction: str
     value: float
     attractor: Attractor
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """All parameters and derived parameters."""
+        return self.attractor.parameters
 
     def as_record(self) -> dict[str, Any]:
         """Return plain data from which `from_record` makes the same row."""
@@ -64,6 +70,47 @@ class Sweep(NotebookResult):
     parameter: str
     rows: list[Row]
     """Rows of all directions, each in the order it was computed."""
+    interrupted: bool = field(default=False, compare=False)
+    """Whether it was interrupted before all values were visited."""
+
+    @property
+    def values(self) -> Array:
+        """The parameter's values, one for each row."""
+        return np.array([row.value for row in self.rows])
+
+    @property
+    def attractors(self) -> list[Attractor]:
+        """The attractors, one for each row."""
+        return [row.attractor for row in self.rows]
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __bool__(self) -> bool:
+        return True
+
+    def __iter__(self) -> Iterator[Row]:
+        return iter(self.rows)
+
+    @overload
+    def __getitem__(self, name: str) -> Array: ...
+    @overload
+    def __getitem__(self, name: int) -> Row: ...
+    @overload
+    def __getitem__(self, name: slice) -> list[Row]: ...
+
+    def __getitem__(self, name: str | int | slice) -> Array | Row | list[Row]:
+        """Return a row by its number, or the values of a parameter, one for each row."""
+        if not isinstance(name, str):
+            return self.rows[name]
+        known = [*self.model.values, *self.model.DERIVED]
+        if name not in known:
+            text = f"sweep has no parameter {short_repr(name)}{did_you_mean(name, known)}"
+            raise KeyError(f"{text}; it has {', '.join(known)}; columns are in to_dataframe()")
+        return np.array([row[name] for row in self.rows])
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return [*self.model.values, *self.model.DERIVED]
 
     def of(self, direction: str) -> list[Row]:
         """Return the rows of one direction."""
@@ -97,8 +144,9 @@ class Sweep(NotebookResult):
                 if before is None or before.attractor.notation != row.attractor.notation:
                     velocities = ", ".join(f"{v:.6g}" for v in row.attractor.velocities[:8])
                     rows.append((way, row.value, row.attractor.notation, velocities))
-        title = f"Sweep in {self.parameter}, {len(self.rows)} attractors"
-        return Summary(title, ("direction", self.parameter, "from there on", "velocities"), rows)
+        return Summary(
+            self._head(), ("direction", self.parameter, "from there on", "velocities"), rows
+        )
 
     def __eq__(self, other: object) -> bool:
         return same_data(self, other) if isinstance(other, Sweep) else NotImplemented
@@ -107,7 +155,11 @@ class Sweep(NotebookResult):
 
     def __repr__(self) -> str:
         lines = [f"{way}: {_shorten_list(self.sequence(way))}" for way in self.directions]
-        return limit_lines(f"Sweep in {self.parameter}, {len(self.rows)} attractors", lines)
+        return limit_lines(self._head(), lines)
+
+    def _head(self) -> str:
+        cut = "; interrupted" if self.interrupted else ""
+        return f"Sweep in {self.parameter}, {len(self.rows)} attractors{cut}"
 
 
 def _shorten_list(met: Sequence[str], most: int = 12) -> str:
@@ -165,6 +217,7 @@ def sweep(
     Returns
     -------
     Sweep
+        After Ctrl-C with the values visited until then.
 
     Raises
     ------
@@ -180,13 +233,16 @@ def sweep(
     simulators = Simulators(model, parameter, kernels)
     result = Sweep(model, parameter, [])
     values = list(values)
-    with progress_lines(progress, f"sweep in {parameter}") as tell:
-        for number, row in enumerate(sweep_rows(simulators, values, first, settling, rng), 1):
-            result.rows.append(row)
-            place = f"{number} of {len(values)}, {parameter} = {row.value:.6g}"
-            tell(f"{place}: {row.attractor.notation}")
-            if callback:
-                callback(row)
+    try:
+        with progress_lines(progress, f"sweep in {parameter}") as tell:
+            for number, row in enumerate(sweep_rows(simulators, values, first, settling, rng), 1):
+                result.rows.append(row)
+                place = f"{number} of {len(values)}, {parameter} = {row.value:.6g}"
+                tell(f"{place}: {row.attractor.notation}")
+                if callback:
+                    callback(row)
+    except KeyboardInterrupt:
+        return replace(result, interrupted=True)
     return result
 
 
@@ -235,9 +291,10 @@ def same_attractor(one: Attractor, other: Attractor, tolerance: float = SAME) ->
     return False
 
 
+@explain_arguments
 def find_attractors(
-    simulator: Simulator,
-    starts: int,
+    simulator: Simulator | Model,
+    starts: int = 20,
     *,
     rng: Any = 0,
     settling: Settling = SETTLING,
@@ -247,6 +304,11 @@ def find_attractors(
 
     Parameters
     ----------
+    simulator : Simulator or Model
+    starts : int
+        How many.
+    rng : None, int or numpy.random.Generator, default 0
+    settling : Settling
     known : sequence of Attractor
         Attractors that are not returned again.
 
@@ -255,6 +317,7 @@ def find_attractors(
     list of Attractor
         Each once.
     """
+    simulator = as_simulator(simulator)
     generator = np.random.default_rng(rng)
     found: list[Attractor] = []
     for _ in range(starts):
