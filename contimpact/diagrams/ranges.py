@@ -295,6 +295,7 @@ def attractor_ranges(
     low, high = float(min(values)), float(max(values))
     shares = list(fractions)
     ranges = _cut(motions, low, high, shares)
+    notes += _unlisted(ranges, parameter, shares)
     return Ranges(diagram.name, parameter, ranges, motions, notes)
 
 
@@ -542,6 +543,20 @@ def _cut(
         if found and [one.motion for one in found[-1].observed] == here:
             left = found.pop().low
         found.append(Range(left, right, [_observed(m, here, left, right, shares) for m in here]))
+    return found
+
+
+def _unlisted(ranges: Sequence[Range], parameter: str, shares: Sequence[Share]) -> list[str]:
+    """Remarks on motion that random starts lead to and neither a branch nor the sweep has."""
+    found = []
+    for share in shares:
+        here = next((r for r in ranges if r.low <= share.value <= r.high), None)
+        motions = [one.motion for one in here.observed] if here else []
+        if not any(m.branch is None or m.notation == share.notation for m in motions):
+            part = (
+                f"{_percent((share.fraction, share.fraction))} of starts lead to {share.notation}"
+            )
+            found.append(f"{parameter} = {share.value:.9g}: {part}, on no branch and in no sweep")
     return found
 
 

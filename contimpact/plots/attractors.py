@@ -352,6 +352,11 @@ def plot_sweep(
     colours = style.colours_of(walls)
     if diagram is None:
         entries = [style.legend_mark(color=c, label=f"wall {w}") for w, c in colours.items()]
+    else:  # walls that only simulated motion meets
+        known = {handle.get_label() for handle in entries}
+        met = {int(wall) for row in sweep.rows for wall in row.attractor.walls}
+        more = [w for k, w in enumerate(walls) if k in met and f"wall {w}" not in known]
+        entries[:0] = [style.legend_mark(color=colours[w], label=f"wall {w}") for w in more]
     speeds = [0.0]
     ways = _directions(sweep, x)
     for number, (direction, mark) in enumerate(_marks(ways).items()):

@@ -123,6 +123,9 @@ def test_fractions_belong_to_motions(diagram):
     assert parts == {"2:1": (0.37, 0.37), "1:1/C": (0.63, 0.63)}
     assert found.at(0.5).observed[0].fractions == (1.0, 1.0)
     assert found.at(0.3).observed[0].fractions is None
+    missed = attractor_ranges(diagram, fractions=[*shares, Share(0.5, "3:3", 0.02)]).notes
+    assert "s = 0.5: 2 % of starts lead to 3:3, on no branch and in no sweep" in missed
+    assert "s = 0.356: 63 % of starts lead to 1:1/C, on no branch and in no sweep" in missed
     assert "2:1 on b2 (37 % of starts)" in repr(found)
 
 
