@@ -126,6 +126,13 @@ def compiling_pays(identity: tuple[str, ...]) -> bool:
     return mode() == "always" or (_EXPECTED[0] + _SPENT[identity] >= PAYS_AFTER and available())
 
 
+def cores() -> int:
+    """Return the number of cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 def count_loaded() -> int:
     """Return how many compiled programs this process has loaded."""
     return len(_LOADED)

@@ -44,7 +44,7 @@ from .flights import (
 )
 from .impacts import EARLY, LOW, SHORT, wrap_time
 from .linear_runs import Law, LinearRuns, Setting
-from .run import Outcome, OutsideError, PassageRule, State, columns_of, join_columns
+from .run import Call, Outcome, OutsideError, PassageRule, State, columns_of, join_columns
 
 # Starts anywhere within the guards of a mode; what lies elsewhere is refused.
 
@@ -508,6 +508,10 @@ class Automaton:
             if record:
                 rows.append(state)
         return state, outcome, made, join_columns([*parts, columns_of(rows)], 2 * self.size - 2)
+
+    def batch(self, asked: int) -> Call | None:
+        """Return compiled code for many motions; None if there is none, or it does not pay."""
+        return self._runs.batch(asked) if self._runs is not None else None
 
     @functools.cached_property
     def _runs(self) -> LinearRuns | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -23,6 +23,7 @@ from ..results.simulate_tables import SETTLING, Settling
 from ..results.tables import columns_of
 from ..segments.kernels import Kernels
 from .attractor import Attractor, Kind
+from .batch import Batch
 from .run import Outcome, Run, State
 from .settle import settle
 from .simulator import Simulator, as_simulator
@@ -30,6 +31,9 @@ from .sweep import Row, Sweep, same_attractor
 
 REACHED = 1e-5
 """A motion this near to a known periodic attractor, round after round, has reached it."""
+
+LARGEST = 4096
+"""Starts simulated together at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +98,7 @@ def basins(
     settling: Settling = SETTLING,
     known: Sequence[Attractor] = (),
     callback: Callable[[int, int], None] | None = None,
+    threads: int | None = None,
 ) -> Basins:
     """Find the attractor each of a grid of starts leads to.
 
@@ -112,6 +117,8 @@ def basins(
         Attractors at these parameter values found before.
     callback : callable, optional
         Called with starts done and their number.
+    threads : int, optional
+        For compiled simulations; as many as there are cores by default.
 
     Returns
     -------
@@ -144,14 +151,18 @@ def basins(
     found = list(known)
     labels = np.full(shape, -1)
     others = _other_coordinates(simulator, letter, known)
+    states = [
+        simulator.state(letter, phase, velocity, others)
+        for velocity in velocities.tolist()
+        for phase in phases.tolist()
+    ]
     interrupted = False
     try:
-        for i, velocity in enumerate(velocities.tolist()):
-            for j, phase in enumerate(phases.tolist()):
-                state = simulator.state(letter, phase, velocity, others)
-                labels[i, j] = attractor_number(simulator, state, found, settling)
+        for part in parts_of(m * n):
+            numbers = attractor_numbers(simulator, states[part], found, settling, threads)
+            labels.flat[part] = numbers
             if callback:
-                callback((i + 1) * n, m * n)
+                callback(part.stop, m * n)
     except KeyboardInterrupt:
         interrupted = True
     parameters = {**simulator.model.values, **simulator.derived}
@@ -182,22 +193,51 @@ def _fastest(simulator: Simulator, known: Sequence[Attractor]) -> float:
     return 2.0 * max(speeds, default=0.0) or simulator.fastest
 
 
-def attractor_number(
+def parts_of(count: int) -> Iterator[slice]:
+    """Yield parts of many starts, few at first: they find the attractors that spare others their
+    time."""
+    done, size = 0, 1
+    while done < count:
+        yield slice(done, min(done + size, count))
+        done, size = done + size, min(8 * size, LARGEST)
+
+
+def attractor_numbers(
+    simulator: Simulator,
+    states: Sequence[State],
+    found: list[Attractor],
+    settling: Settling,
+    threads: int | None = None,
+) -> list[int]:
+    """Return the number of the attractor of each start; new ones are added to the list."""
+    batch = Batch(simulator, states, threads)
+    numbers = np.full(len(states), -1)
+    left, known = np.arange(len(states)), len(found)
+    for _ in range(max(settling.transient // 10, 1)):
+        before = {k: batch.state(k) for k in left.tolist()} if _sticks(simulator, found) else {}
+        outcomes = batch.run(left, 10)
+        left = left[[outcome is Outcome.DONE for outcome in outcomes]]
+        for number, attractor in enumerate(found):
+            numbers[left[_reached(attractor, batch, left, before)]] = number
+            left = left[numbers[left] < 0]
+    for k in np.flatnonzero(numbers < 0).tolist():
+        one, none = np.array([k]), {k: batch.state(k)}
+        for number in range(known, len(found)) if k in left else ():
+            if numbers[k] < 0 and _reached(found[number], batch, one, none)[0]:
+                numbers[k] = number
+        if numbers[k] < 0:
+            numbers[k] = _settled_number(simulator, batch.state(k), found, settling)
+    return numbers.tolist()
+
+
+def _settled_number(
     simulator: Simulator, state: State, found: list[Attractor], settling: Settling
 ) -> int:
-    """The number of the attractor a start leads to; a new one is added to the list.
+    """The number of the attractor that a motion settles on.
 
-    Where complex motion is among the attractors, a start that has not settled after a tenth of the
+    Where complex motion is among the attractors, one that has not settled after a tenth of the
     periods of `settling` is taken for it.
     """
-    for _ in range(max(settling.transient // 10, 1)):
-        run = simulator.run(state, periods=10)
-        if run.outcome is not Outcome.DONE or run.end is None:
-            break
-        state = run.end
-        for number, attractor in enumerate(found):
-            if _ends_on(attractor, run):
-                return number
     kinds = [attractor.kind for attractor in found]
     if Kind.COMPLEX in kinds:
         quick = replace(settling, transient=0, periods=settling.periods // 10, impacts=200)
@@ -213,39 +253,48 @@ def attractor_number(
     return len(found) - 1
 
 
-def _ends_on(attractor: Attractor, run: Run) -> bool:
-    """Whether a run ends on a periodic attractor, closely, or is released as a sticking one is."""
-    if attractor.held.size:
-        return _ends_on_several(attractor, run)
-    if attractor.kind is Kind.STICKING:
-        rows = np.nonzero(run.released)[0][-1:]
-        mine = attractor.times[attractor.released] % attractor.forcing_period
-        walls = attractor.walls[attractor.released]
-        return any(
-            bool(np.any((walls == run.walls[row]) & (abs(mine - run.phases[row]) < REACHED)))
-            for row in rows
-        )
-    state = run.end
-    if attractor.kind is not Kind.PERIODIC or state is None:
-        return False
-    phases = (attractor.times - state.phase) / attractor.forcing_period
-    apart = np.maximum(
-        np.abs(phases - np.round(phases)), np.abs(attractor.velocities - state.velocity)
-    )
-    return float(np.min(apart[attractor.walls == state.wall], initial=math.inf)) < REACHED
+def _sticks(simulator: Simulator, found: Sequence[Attractor]) -> bool:
+    """Whether an attractor is known by its releases: a sticking one of one coordinate."""
+    return not simulator.several and any(one.kind is Kind.STICKING for one in found)
 
 
-def _ends_on_several(attractor: Attractor, run: Run) -> bool:
-    """The same where there are several coordinates, by all of them."""
-    if attractor.period is None or run.end is None:
-        return False
-    mine = np.column_stack([attractor.times, attractor.velocities, attractor.others])
-    sizes = np.maximum(np.max(np.abs(mine), axis=0), 1e-300)
+def _reached(
+    attractor: Attractor, batch: Batch, chosen: Array, before: Mapping[int, State]
+) -> Array:
+    """Whether motions are on a periodic attractor, closely, or are released as a sticking one is.
+
+    `before` has the states from which runs of ten periods led to sticking motion.
+    """
+    none = np.zeros(len(chosen), dtype=bool)
+    if attractor.kind is Kind.STICKING and not attractor.held.size:
+        runs = [batch.simulator.run(before[k], periods=10) for k in chosen.tolist()]
+        return np.array([_is_released_as(attractor, run) for run in runs], dtype=bool)
+    several = bool(attractor.held.size)
+    if attractor.period is None or not (several or attractor.kind is Kind.PERIODIC):
+        return none
+    columns = [attractor.times, attractor.velocities]
+    mine = np.column_stack([*columns, attractor.others] if several else columns)
+    sizes = np.ones(mine.shape[1])
+    if several:
+        sizes = np.maximum(np.max(np.abs(mine), axis=0), 1e-300)
     sizes[0] = attractor.forcing_period
-    apart = (mine - (run.end.phase, *run.end.section)) / sizes
-    apart[:, 0] -= np.round(apart[:, 0])
-    same_kind = (attractor.walls == run.end.wall) & (attractor.held == run.end.held)
-    return bool(np.min(np.max(np.abs(apart), axis=1)[same_kind], initial=math.inf) < REACHED)
+    theirs = np.column_stack([batch.phases[chosen], batch.sections[chosen]])
+    apart = (mine - theirs[:, None]) / sizes
+    apart[:, :, 0] -= np.round(apart[:, :, 0])
+    same = attractor.walls == batch.walls[chosen, None]
+    if several:
+        same &= attractor.held == batch.held[chosen, None]
+    return np.any(same & (np.max(np.abs(apart), axis=2) < REACHED), axis=1)
+
+
+def _is_released_as(attractor: Attractor, run: Run) -> bool:
+    """Whether the last release of a run is one of a sticking attractor."""
+    mine = attractor.times[attractor.released] % attractor.forcing_period
+    walls = attractor.walls[attractor.released]
+    return any(
+        bool(np.any((walls == run.walls[row]) & (abs(mine - run.phases[row]) < REACHED)))
+        for row in np.nonzero(run.released)[0][-1:]
+    )
 
 
 # Which attractors the branches explain, and what would follow those that none does.

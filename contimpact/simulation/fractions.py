@@ -30,8 +30,9 @@ from ..results.simulate_tables import (
 from ..segments.kernels import Kernels
 from ..storage.texts import csv_text
 from .attractor import Attractor
-from .basins import attractor_number
+from .basins import attractor_numbers, parts_of
 from .run import OutsideError, State
+from .settle import settle
 from .simulator import Simulator
 from .sweep import Simulators
 
@@ -331,23 +332,19 @@ def _count(
     simulator: Simulator, starts: int, box: Mapping[str, Any] | None, settling: Settling, rng: int
 ) -> tuple[list[Attractor], Array]:
     """The attractors that starts lead to, and how many lead to each."""
-    from .settle import settle
-
     area, generator = start_box(simulator, box), np.random.default_rng(rng)
+    drawn = [_start(area, simulator, generator) for _ in range(starts)]
+    states = [state for state in drawn if state is not None]
     known: list[Attractor] = []
-    counts: list[int] = []
-    for _ in range(starts):
-        state = _start(area, simulator, generator)
-        if state is None:
-            motion = settle(simulator, None, settling)
-            labels = [one.label for one in known]
-            number = labels.index(motion.label) if motion.label in labels else len(known)
-            known += [motion][: number == len(known)]
-        else:
-            number = attractor_number(simulator, state, known, settling)
-        counts += [0] * (len(known) - len(counts))
-        counts[number] += 1
-    return known, np.array(counts)
+    numbers = list[int]()
+    for part in parts_of(len(states)):
+        numbers += attractor_numbers(simulator, states[part], known, settling)
+    if len(states) < starts:  # some meet no wall
+        motion = settle(simulator, None, settling)
+        labels = [one.label for one in known]
+        known += [motion] * (motion.label not in labels)
+        numbers += [[*labels, motion.label].index(motion.label)] * (starts - len(states))
+    return known, np.bincount(numbers, minlength=len(known))
 
 
 def _start(area: StartBox, simulator: Simulator, generator: np.random.Generator) -> State | None:

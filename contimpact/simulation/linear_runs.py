@@ -29,7 +29,7 @@ from ..segments.segment import ELSEWHERE, Passages
 from ..segments.track import MOST_PIECES
 from .linear_flights import LEFT, TERMS, Flights, make_flights, space_of
 from .one_coordinate import DTYPES, Engine, array, formulas
-from .run import Outcome, State
+from .run import Call, Outcome, State
 
 if TYPE_CHECKING:
     from ..segments.machine_code import Program
@@ -91,14 +91,19 @@ FIELDS += INTEGERS * 2 + VECTOR
 ROW = INTEGERS * 2 + VECTOR * 2
 """Kinds of the columns that `make_flights` fills."""
 ARGUMENTS = FIELDS + VECTOR + INTEGERS + VECTOR + ROW + INTEGERS
-"""Kinds of the entry's arguments: the fields of `Flights`, then those of `make_flights`."""
+"""Kinds of the entry's arguments: the fields of `Flights`, then those of `make_flights`, of one
+motion or, without rows, of many, one after the other."""
 
 ENTRY = """
 def entry({fields}, space, state, when, walls, turns, phases, sections, span):
     flights = Flights({fields})
-    return make_flights(
-        leave, flights, space, state, when, walls, turns, phases, sections, span
-    )
+    made, size = 0, 2 * sizes[0] + 1
+    for k in range(len(state) // 3):
+        made += make_flights(
+            leave, flights, space, state[3 * k : 3 * k + 3], when[size * k : size * k + size],
+            walls, turns, phases, sections, span[2 * k : 2 * k + 2]
+        )
+    return made
 """
 
 FEW = 1024
@@ -273,6 +278,14 @@ class LinearRuns:
         end = State(int(at[0]), float(when[0]), section[0], int(at[1]), section[1:])
         outcome = None if at[2] == LEFT else OUTCOMES[at[2]]
         return end, outcome, made, self._columns(columns, made if record else 0)
+
+    def batch(self, asked: int) -> Call | None:
+        """Return compiled code for many motions; None where the work is not worth it."""
+        fast = self.engine.program(asked)
+        if fast is None:
+            return None
+        room, none = space_of(self.flights), [np.empty(0, DTYPES[kind]) for kind in ROW]
+        return lambda at, when, limits: fast(*self._arrays, np.zeros(room), at, when, *none, limits)
 
     def _columns(self, columns: Sequence[Any], made: int) -> list[Any]:
         """The columns in the order of `run.columns_of`."""

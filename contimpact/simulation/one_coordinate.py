@@ -35,7 +35,7 @@ from .impacts import (
     wall_on,
     wrap_time,
 )
-from .run import Outcome, OutsideError, State
+from .run import Call, Outcome, OutsideError, State
 
 if TYPE_CHECKING:
     from ..segments.machine_code import Program
@@ -51,7 +51,8 @@ BODY = VECTOR * 3 + INTEGERS * 4 + VECTOR * 5 + INTEGERS * 3
 ROW = INTEGERS * 2 + VECTOR * 2 + INTEGERS
 """Kinds of the columns that `make_impacts` fills."""
 ARGUMENTS = BODY + INTEGERS + VECTOR + ROW + INTEGERS
-"""Kinds of the entry's arguments, in its order: a body's fields, then those of `make_impacts`."""
+"""Kinds of the entry's arguments, in its order: a body's fields, then those of `make_impacts`, of
+one motion or, without rows, of many, one after the other."""
 
 ENTRY = """
 def fly(body, wall, phase, velocity):
@@ -65,9 +66,13 @@ def entry(
         values, clock, zeros, sides, leaving, below, above, low, high, restitution, slow, edges,
         presses, first, longest
     )
-    return make_impacts(
-        fly, any_motion, body, state, when, walls, turns, phases, velocities, released, span
-    )
+    made = 0
+    for k in range(len(state) // 3):
+        made += make_impacts(
+            fly, any_motion, body, state[3 * k : 3 * k + 3], when[3 * k : 3 * k + 3],
+            walls, turns, phases, velocities, released, span[2 * k : 2 * k + 2]
+        )
+    return made
 """
 
 DTYPES = {INTEGERS: np.int64, VECTOR: np.float64}
@@ -384,6 +389,14 @@ class OneCoordinate:
                 self._engine.plain += count
         end = State(int(at[0]), float(when[0]), float(when[1]), int(at[1]))
         return end, _OUTCOMES[at[2]], count, [column[:count] for column in columns]
+
+    def batch(self, asked: int) -> Call | None:
+        """Return compiled code for many motions; None where the work is not worth it."""
+        fast = self._engine.program(asked) if self._engine else None
+        if fast is None:
+            return None
+        none = [np.empty(0, DTYPES[kind]) for kind in ROW]
+        return lambda at, when, limits: fast(*self._arrays, at, when, *none, limits)
 
     @functools.cached_property
     def _engine(self) -> Engine | None:

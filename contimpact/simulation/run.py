@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -17,6 +17,10 @@ from ..models.model import Model
 from ..segments.kernels import Kernels
 from ..segments.touches import margin
 from .impacts import wrap_time
+
+Call: TypeAlias = Callable[[Array, Array, Array], int]
+"""Compiled code for a batch: guards, turns and outcomes; phases, section coordinates and the speeds
+beyond which motions run away; and limits, as of `make_impacts`, motion after motion."""
 
 
 class OutsideError(InputError):

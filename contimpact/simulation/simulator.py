@@ -27,6 +27,7 @@ from ..errors import InputError, explain_arguments
 from ..models.model import Model
 from ..segments.kernels import Kernels
 from .automaton import Automaton, derivative_between, derivative_of_pair
+from .batch import Batch
 from .flights import LinearMotion
 from .one_coordinate import OneCoordinate
 from .run import Outcome, Run, State, join_runs, more_joined, states_of
@@ -294,7 +295,7 @@ class Simulator(ParameterItems):
         state = state.within(self.period)
         most = impacts if impacts is not None else _ENDLESS
         last = state.turns + periods if periods is not None else _ENDLESS
-        fastest = RUNAWAY * float(np.fmax(self.fastest, state.speed)) or math.inf
+        fastest = self.runaway_speed(state.speed)
         asked = min(number for number in (impacts, periods) if number is not None)
         parts: list[list[Any]] = []
         made, outcome, size = 0, Outcome.DONE, CHUNK if impacts is not None else FEW
@@ -317,6 +318,31 @@ class Simulator(ParameterItems):
             left=left,
             model=self.model,
         )
+
+    def runaway_speed(self, speed: float) -> float:
+        """Return the speed beyond which a motion that starts with some speed runs away."""
+        return RUNAWAY * float(np.fmax(self.fastest, speed)) or math.inf
+
+    def run_all(
+        self, states: Sequence[State], *, periods: int, threads: int | None = None
+    ) -> list[tuple[Outcome, State]]:
+        """Simulate from many impacts for so many periods, on all cores where that is compiled.
+
+        Parameters
+        ----------
+        states : sequence of State
+        periods : int
+        threads : int, optional
+            As many as there are cores by default.
+
+        Returns
+        -------
+        list of (Outcome, State)
+            Why each run ended, and where: as `end` of `run`; where it started if it ended before.
+        """
+        batch = Batch(self, states, threads)
+        outcomes = batch.run(np.arange(len(states)), periods)
+        return [(outcome, batch.state(k)) for k, outcome in enumerate(outcomes)]
 
     # The linearised map.
 

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..errors import InputError
+from ..segments.compiling import cores
 
 Opening = Callable[[int | None], contextlib.AbstractContextManager[Executor]]
 
@@ -58,13 +59,6 @@ def processes(workers: int | None = None) -> Workshop:
         return _pool(asked or count)
 
     return Workshop("processes", opening, lambda executor: count, own=True)
-
-
-def cores() -> int:
-    """Return the number of cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 @contextlib.contextmanager

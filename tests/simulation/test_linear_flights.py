@@ -12,8 +12,11 @@ from event_driven import random_scene
 from zoo import TWO_MASSES
 
 from contimpact.results.scene import read_scene
+from contimpact.results.simulate_tables import Settling
 from contimpact.simulation import linear_flights, linear_runs
+from contimpact.simulation.basins import basins
 from contimpact.simulation.run import Outcome
+from contimpact.simulation.settle import settle
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.coupled_by_impact import CoupledByImpact
 from contimpact.systems.impact_damper import ImpactDamper
@@ -176,3 +179,36 @@ def test_what_is_not_resolved_is_left_to_the_automaton(simulators, monkeypatch):
     assert [s.wall for s in some.states()] == [
         s.wall for s in alone.run(start, impacts=20).states()
     ]
+
+
+@needs_llvmlite
+@pytest.mark.parametrize("name", ["complex", "sticking", "hybrid, position"])
+def test_many_runs_at_once_are_those_alone(simulators, plain_and_compiled, name):
+    """In threads, some of them left to Python, and plainly."""
+    simulator = simulators(name)
+    given = starts(simulator, 40, seed=2)
+    plain, fast = plain_and_compiled(lambda: simulator.run_all(given, periods=12, threads=2))
+    assert plain == fast
+    for start, (outcome, end) in zip(given, fast, strict=True):
+        alone = simulator.run(start, periods=12, record=False)
+        assert outcome is alone.outcome
+        assert end == (alone.end if outcome is Outcome.DONE else start)
+
+
+@needs_llvmlite
+@pytest.mark.full
+def test_basins_are_the_same_plain_and_on_any_number_of_cores(plain_and_compiled):
+    """One of two masses with and without impacts, as each start alone has it."""
+    simulator = Simulator(masses(omega=1.8, sigma_1=1.0, sigma_2=1.0))
+    given = {"shape": (4, 5), "settling": Settling(transient=60, periods=300)}
+    for threads in (1, 2):
+        for found in plain_and_compiled(lambda n=threads: basins(simulator, threads=n, **given)):
+            kinds = [found.attractors[k].kind for k in found.labels.ravel().tolist()]
+            states = [
+                simulator.state("A", phase, velocity, found.others)
+                for velocity in found.velocities.tolist()
+                for phase in found.phases.tolist()
+            ]
+            alone = [settle(simulator, state, given["settling"]).kind for state in states]
+            assert kinds == alone
+            assert len(set(kinds)) > 1
