@@ -191,9 +191,9 @@ if not TYPE_CHECKING:  # where types are read, a name that is not above is a mis
 
     def __getattr__(name: str) -> Any:
         if name not in _PLACES:
-            from .errors import GUESSED, did_you_mean
+            from .errors import did_you_mean, guessed_names
 
-            other = GUESSED.get(name)
+            other = next((one for one in guessed_names(name) if one in _PLACES), None)
             hint = f"; there is {other!r}" if other else did_you_mean(name, _PLACES)
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}{hint}")
         try:

@@ -137,8 +137,8 @@ def _arguments_text(function: Callable[..., Any], named: Iterable[str], error: T
     unknown = next((name for name in named if name not in known), None)
     found = str(error).replace(".__init__()", "()")
     if unknown is not None:
-        other = GUESSED.get(unknown, unknown)
-        hint = f" (did you mean {other!r}?)" if other in known else did_you_mean(unknown, known)
+        other = next((name for name in guessed_names(unknown) if name in known), None)
+        hint = f" (did you mean {other!r}?)" if other else did_you_mean(unknown, known)
         found = f"{shown}() has no argument {unknown!r}{hint}"
     return f"{found}; it takes {', '.join(known) or 'none'}"
 
@@ -162,8 +162,16 @@ def _unusable_argument(
 GUESSED = {
     "seed": "rng",
     "limits": "range",
-    "ds": "settings",
+    "ds": "step settings",
+    "dsmin": "min_step settings",
+    "dsmax": "max_step settings",
     "max_step": "settings",
+    "max_steps": "max_points settings",
+    "tol": "tolerance settings",
+    "detect": "events",
+    "n": "starts",
+    "p_min": "range",
+    "p_max": "range",
     "run": "follow",
     "follow": "continue_orbit",
     "continue_": "continue_orbit",
@@ -181,23 +189,55 @@ GUESSED = {
     "set": "replace",
     "copy": "replace",
     "System": "Model",
+    "Event": "Entry",
+    "check": "check_model",
+    "bifurcation_diagram": "follow",
+    "continuation": "continue_orbit",
+    "lyapunov": "exponents settle",
+    "with_parameters": "replace",
+    "update": "replace",
+    "keys": "parameters",
+    "units": "unit",
+    "describe": "statement",
+    "orbits": "orbit find_orbits",
+    "param": "parameter",
+    "at": "orbit",
+    "bifurcations": "events",
+    "special_points": "events",
+    "specialpoint": "events",
+    "points": "columns",
+    "point": "orbit",
+    "floquet": "multipliers",
+    "eigenvalues": "multipliers",
+    "impacts": "velocities",
+    "transitions": "reading",
+    "to_dict": "as_row as_record",
+    "info": "summary",
+    "fly": "run",
 }
-"""What is called otherwise here."""
+"""What is called otherwise here: names by what is guessed, the likeliest first."""
+
+
+def guessed_names(name: str) -> list[str]:
+    """Return what may be meant by a name: its other names here, or the name itself."""
+    return GUESSED.get(name, name).split()
 
 
 def missing(one: Any, name: str) -> AttributeError:
     """Return the error for an attribute that something does not have, with what gives it instead:
     an item, a function of the package, or what is spelled alike."""
     public = sys.modules[__package__].__all__
-    kind, other = type(one).__name__, GUESSED.get(name, name)
+    kind, others = type(one).__name__, guessed_names(name)
     own = getattr(type(one), "__dataclass_fields__", {})
     if name.startswith("_") or name in own:  # as while it is unpickled
         return AttributeError(f"{kind!r} object has no attribute {name!r}")
-    if hasattr(type(one), other):
-        hint = f"; there is {other!r}"
+    here = next((other for other in others if hasattr(type(one), other) or other in own), None)
+    other = next((other for other in others if other in public), None)
+    if here:
+        hint = f"; there is {here!r}"
     elif _has(one, name):
         hint = f"; it is the item [{name!r}]"
-    elif other in public:
+    elif other:
         hint = f"; call contimpact.{other}({kind.lower()}, ...)"
     else:
         hint = did_you_mean(name, (known for known in dir(type(one)) if known[0].islower()))

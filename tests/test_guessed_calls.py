@@ -132,6 +132,7 @@ ci.plot(d); ci.plot(b, "d"); ci.plot_diagram(d, "d"); ci.plot_diagram(b); ci.plo
 ci.plot_orbit(o); d.reading; d.summary(); d.to_dataframe(); o.plot(); e.plot()
 o.times; o.velocities; o.stable; o.word; o["s"]; o.parameters["s"]; o.period; o.path()
 ci.energy(o); o.to_dataframe(); c.plot(); c["r"]; c[2:4]; c.name; c.points; ci.plot_curves([c])
+scene["s"]; scene["d"]; ci.plot_curves(ci.Diagram("two", [], [c]))
 "s" in m; "s" in o; sim["s"]; sim.parameters; sim.random_state(); ci.settle(m); ci.settle(sim)
 run["s"]; run.plot(); run.to_dataframe(); run.times; ci.plot(run); repr(run); run.parameters
 att["d"]; att.plot(); ci.plot(att); att.stable; att.orbit(); att.to_dataframe(); att._repr_html_()
@@ -184,6 +185,24 @@ ANSWERED = {
     "sw['q']": "it has beta, r",
     "sim.sweep('s', [0.4])": "call contimpact.sweep(simulator, ...)",
     "run.settle()": "call contimpact.settle(run, ...)",
+    "sim.lyapunov": "contimpact.settle(simulator, ...)",
+    "att.lyapunov": "there is 'exponents'",
+    "ci.Settings(ds=1)": "did you mean 'step'?",
+    "ci.Settings(max_steps=1)": "did you mean 'max_points'?",
+    "ci.continue_orbit(o, 's', ds=1)": "did you mean 'settings'?",
+    "ci.find_orbits(m, '1:1', n=3)": "did you mean 'starts'?",
+    "ci.bifurcation_diagram(m)": "there is 'follow'",
+    "m.with_parameters(s=0.3)": "there is 'replace'",
+    "b.special_points": "there is 'events'",
+    "b.at(0.3)": "there is 'orbit'",
+    "o.floquet": "there is 'multipliers'",
+    "d.transitions": "there is 'reading'",
+    "scene.run()": "call contimpact.follow(scene, ...)",
+    "scene['q']": "scene has no parameter 'q'; it has beta",
+    "ci.load('scene.toml')": "no such file",
+    "ci.read_scene('scene.toml')": "load_scene reads a file",
+    "ci.new_scene(m)": "accepted are impact-pair",
+    "ci.certify(o)": "give a diagram, a branch, events, a scene, or a folder",
     "ci.plot('folder')": "as contimpact.load reads it",
     "ci.plot(m)": "there are pictures of branches, diagrams",
     "ci.switch(pd)": "there is 'continue_born'",
@@ -191,7 +210,7 @@ ANSWERED = {
     "b['PD']": "branch.orbit('e2')",
     "b['e1']": "branch.orbit('e1')",
     "b.s": "it is the item ['s']",
-    "b.orbits": "did you mean 'orbit'?",
+    "b.orbits": "there is 'orbit'",
     "b.save('b.csv')": "call contimpact.save(branch, ...)",
     "b.to_csv('b.csv')": "call contimpact.save(branch, ...)",
     "b.stable_intervals()": "call contimpact.stable_intervals(branch, ...)",
@@ -214,6 +233,7 @@ def names(model, branch):
     simulator = ci.Simulator(model)
     known |= {"sim": simulator, "run": simulator.run(simulator.random_state(), impacts=9)}
     known |= {"att": ci.settle(simulator), "sw": ci.sweep(model, "s", [0.5, 0.49])}
+    known["scene"] = ci.read_scene(SCENE)
     known["bas"] = ci.basins(simulator, shape=(2, 3))
     return {"ci": ci, "copy": copy, "pickle": pickle, **known}
 
@@ -287,6 +307,14 @@ def test_interrupted_simulations_keep_what_they_had(model):
     assert basins.plot().get_xlabel()
 
 
+def test_a_scene_is_certified(tmp_path):
+    pytest.importorskip("flint")
+    short = {**SCENE, "certify": {"branches": False}}
+    certificates = ci.certify(ci.read_scene(short))
+    assert certificates.certified
+    assert not certificates.branches
+
+
 def test_what_was_read_from_a_file_asks_for_its_model(names, tmp_path):
     for name in ("att", "run"):
         ci.save(names[name], tmp_path / "one.json")
@@ -299,6 +327,8 @@ def test_what_was_read_from_a_file_asks_for_its_model(names, tmp_path):
 
 @pytest.mark.parametrize("call", ANSWERED)
 def test_a_guessed_call_is_answered(names, call):
-    with pytest.raises((InputError, KeyError, AttributeError)) as error:
+    if "certify" in call:
+        pytest.importorskip("flint")
+    with pytest.raises((InputError, KeyError, AttributeError, TypeError)) as error:
         eval(call, names)
     assert ANSWERED[call] in str(error.value)

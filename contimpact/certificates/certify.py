@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import flint
 
 from .. import __version__
-from ..errors import InputError, NotInstalledError, explain_arguments, printable
+from ..errors import InputError, NotInstalledError, explain_arguments, printable, short_repr
 from ..models.model import Model
 from ..orbits.problem import OrbitProblem
 from ..progress import Progress, ignore_progress
@@ -22,6 +22,7 @@ from ..results.catalogue import load_diagram, load_entries
 from ..results.diagram import Diagram
 from ..results.options import CertifyOptions
 from ..results.result_folder import CATALOGUE, MANIFEST, WANTED, digests_of, read_json, reading
+from ..results.scene import Scene, load_scene
 from ..segments.balls import INTEGRATED, without_enclosures
 from ..segments.kernels import Kernels
 from ..storage.files import append, write_text
@@ -270,7 +271,7 @@ def enclosing_kernels(kernels: Kernels) -> Kernels:
 
 @explain_arguments
 def certify(
-    what: Diagram | Branch | Entry | Sequence[Entry] | str | Path,
+    what: Diagram | Branch | Entry | Sequence[Entry] | Scene | str | Path,
     model: Model | None = None,
     *,
     options: CertifyOptions | None = None,
@@ -280,8 +281,9 @@ def certify(
 
     Parameters
     ----------
-    what : Diagram, Branch, Entry, sequence of Entry, str or Path
-        A path is that of a folder that ``contimpact run`` wrote.
+    what : Diagram, Branch, Entry, sequence of Entry, Scene, str or Path
+        A path is that of a folder that ``contimpact run`` wrote, or of a scene. A scene is
+        followed first; its ``[certify]`` holds where there are no options.
     model : Model, optional
         The system, where its name does not tell. Parameter values are taken from what is recorded.
     options : CertifyOptions, optional
@@ -299,6 +301,13 @@ def certify(
         If a folder is missing or damaged, or a system is not known or has flights without
         enclosures.
     """
+    if isinstance(what, str | Path) and Path(what).suffix == ".toml":
+        what = load_scene(what)
+    if isinstance(what, Scene):
+        from .. import follow
+
+        options = options or what.certify
+        what = follow(what, progress=progress)
     options = options or CertifyOptions()
     if isinstance(what, str | Path):
         return certify_folder(Path(what), options, model, progress=progress)
@@ -309,7 +318,11 @@ def certify(
     elif isinstance(what, Diagram):
         name, entries, branches = what.name, what.entries, list(what.branches)
     else:
-        name, entries, branches = "entries", list(what), []
+        entries = list(what) if isinstance(what, Iterable) else []
+        if not entries or not all(isinstance(one, Entry) for one in entries):
+            accepted = "give a diagram, a branch, events, a scene, or a folder of contimpact run"
+            raise InputError("what", f"found {short_repr(what)}", accepted)
+        name, branches = "entries", []
     return _Work(options, model, progress, CertificateLog(None, "")).certificates(
         name, "", entries, branches
     )

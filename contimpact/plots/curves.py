@@ -45,6 +45,7 @@ from ..results.curve import (
     parameters_of,
     regions,
 )
+from ..results.diagram import Diagram
 from ..simulation.attractor import Attractor, Kind
 from ..simulation.sweep import Row, Sweep
 from .diagram import Figure, legend_mark, save_figure, write_heading
@@ -204,7 +205,7 @@ class Panel:
 
 @explain_arguments
 def plot_curves(
-    curves: Curve | Sequence[Curve],
+    curves: Curve | Diagram | Sequence[Curve],
     axes: Any = None,
     *,
     along: str | None = None,
@@ -218,7 +219,7 @@ def plot_curves(
 
     Parameters
     ----------
-    curves : Curve or sequence of Curve
+    curves : Curve, Diagram or sequence of Curve
     axes : sequence of matplotlib.axes.Axes, optional
         One for each panel; a new figure otherwise.
     along : str, optional
@@ -243,6 +244,8 @@ def plot_curves(
     InputError
         For no curves, a parameter that they do not have, or axes that are too few.
     """
+    if isinstance(curves, Diagram):
+        curves = curves.curves
     curves = [curves] if isinstance(curves, Curve) else list(curves)
     if not curves:
         raise InputError("curves", "empty", "give at least one curve")

@@ -198,8 +198,8 @@ def new_scene(name: str) -> str:
     InputError
         If the package has no such system.
     """
-    if name not in _STARTS:
-        found = f"no system {short_repr(name)}{did_you_mean(name, list(SYSTEMS))}"
+    if not isinstance(name, str) or name not in _STARTS:
+        found = f"no system {short_repr(name)}{did_you_mean(str(name), list(SYSTEMS))}"
         raise InputError("SYSTEM", found, f"accepted are {', '.join(SYSTEMS)}")
     start, kind = _STARTS[name], system(name)
     return "\n".join(

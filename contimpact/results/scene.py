@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..bifurcations.declarations import EVENTS, KINDS, SECOND
 from ..continuation.settings import Settings
+from ..display import ParameterItems
 from ..errors import InputError, each_once, explain_arguments, short_repr
 from ..models.guards import graph
 from ..models.model import Model
@@ -261,7 +262,7 @@ __all__ = ["FORMATS", "CurveOptions", "PlotOptions", "Scene", "load_scene", "rea
 
 
 @dataclass(frozen=True)
-class Scene:
+class Scene(ParameterItems):
     """A validated scene."""
 
     name: str
@@ -305,6 +306,11 @@ class Scene:
     """Options of ``contimpact certify``, where the scene has some."""
     given: Mapping[str, Any] = field(default_factory=dict)
     """The scene as it was written."""
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """All parameters and derived parameters at the start."""
+        return self.model.parameters
 
     @property
     def start(self) -> float:
@@ -496,7 +502,8 @@ def read_scene(given: Mapping[str, Any], systems: Mapping[str, type[Model]] | No
         If it is not valid.
     """
     if not isinstance(given, Mapping):
-        raise InputError("scene", f"found {short_repr(given)}", "give a table of tables")
+        accepted = "give a table of tables; load_scene reads a file"
+        raise InputError("scene", f"found {short_repr(given)}", accepted)
     top = Table(given, "")
     name = check_name(top.text("name"))
     source = top.text("source", "")

@@ -393,6 +393,8 @@ def load(path: str | Path, model: Model | None = None) -> Any:
         raise InputError(
             str(path), "no such file or folder", "give what `save` or a run has written"
         )
+    if path.suffix == ".toml":
+        raise InputError(str(path), "a scene", "read it with load_scene, or run it with follow")
     with check_reading(path, KEPT):
         record = json.loads(read_bounded(path, LARGEST_KEPT))
         if record["schema"] != KEPT:
