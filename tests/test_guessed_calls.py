@@ -302,7 +302,7 @@ def test_interrupted_simulations_keep_what_they_had(model):
     basins = ci.basins(model, shape=(2, 3), callback=interrupt)
     assert basins.interrupted
     assert (basins.labels >= 0).tolist() == [[True, False, False], [False] * 3]
-    assert "interrupted after 1 " in repr(basins)
+    assert "interrupted after 1" in repr(basins)
     assert sum(basins.shares) == pytest.approx(1.0)
     assert basins.plot().get_xlabel()
 
