@@ -18,8 +18,10 @@ import numpy as np
 from ..arrays import Array
 from ..segments.compiling import cores
 from .impacts import DONE
+from .linear_flights import LEFT
 from .run import Call, Outcome, State
 
+OUTCOMES = tuple(Outcome)
 LONGEST = 65536
 """Impacts of a start made in one call at most."""
 PARTS = 4
@@ -78,7 +80,10 @@ class Batch:
         alone = np.ones(len(chosen), dtype=bool)
         if call is not None:
             alone = (self.held[chosen] != 0) | self.released[chosen]
-            alone[~alone] = ~self._run_compiled(call, chosen[~alone], periods)
+            ends = self._run_compiled(call, chosen[~alone], periods)
+            for place, end in zip(np.flatnonzero(~alone).tolist(), ends, strict=True):
+                alone[place] = end is None
+                outcomes[place] = end or Outcome.DONE
         for place in np.flatnonzero(alone).tolist():
             k = int(chosen[place])
             run = self.simulator.run(self.state(k), periods=periods, record=False)
@@ -87,10 +92,10 @@ class Batch:
                 self._put(k, run.end)
         return outcomes
 
-    def _run_compiled(self, call: Call, chosen: Array, periods: int) -> Array:
-        """Whether each of some motions was moved on by compiled code."""
+    def _run_compiled(self, call: Call, chosen: Array, periods: int) -> list[Outcome | None]:
+        """Why each of some motions ended; None for those that compiled code leaves to Python."""
         if not len(chosen):
-            return np.zeros(0, dtype=bool)
+            return []
         at = _rows(self.walls[chosen], self.turns[chosen], 0 * chosen)
         speeds = np.max(np.abs(self.sections[chosen][:, ::2]), axis=1)
         fastest = [self.simulator.runaway_speed(speed) for speed in speeds.tolist()]
@@ -108,11 +113,13 @@ class Batch:
         else:
             for part in parts:
                 make(part)
-        moved: Array = (at[:, 2] == DONE) & (at[:, 1] >= limits[:, 1])
+        early = (at[:, 2] == DONE) & (at[:, 1] < limits[:, 1])
+        at[early, 2] = LEFT
+        moved: Array = at[:, 2] == DONE
         done = chosen[moved]
         self.walls[done], self.turns[done] = at[moved, 0], at[moved, 1]
         self.phases[done], self.sections[done] = when[moved, 0], when[moved, 1:-1]
-        return moved
+        return [None if code == LEFT else OUTCOMES[code] for code in at[:, 2].tolist()]
 
     def _put(self, k: int, state: State) -> None:
         self.walls[k], self.turns[k], self.phases[k] = state.wall, state.turns, state.phase
