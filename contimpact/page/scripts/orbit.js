@@ -141,7 +141,7 @@ function drawSeries(motion, family, row, entry) {
     svg,
     box,
     { x: t, y: x },
-    { x: "time in forcing periods", y: "displacement", ticks: [6, 5] },
+    { x: "time in forcing periods", y: nameOfPlace(), ticks: [6, 5] },
   );
   drawWalls(group(inside, "lines"), motion, (at) => [box.left, x(at), box.right, x(at)]);
   const repeated = d3
@@ -217,6 +217,11 @@ function drawTouch(layer, found, across, up, what = "x") {
     .attr("cy", (touch) => up(touch[what]));
 }
 
+/** What coordinates are called: systems that are not drawn as machines may have one for each mode. */
+function nameOfPlace() {
+  return page.machine ? "displacement" : "coordinate of each mode";
+}
+
 /** The phase plane; returns its scales. @param {Motion} motion @param {Family} family @param {number} row @param {Entry | null} entry */
 function drawPhase(motion, family, row, entry) {
   const svg = d3.select("#phase"),
@@ -225,7 +230,7 @@ function drawPhase(motion, family, row, entry) {
     box = { left: leftRoom(extent, 5), right: width - 12, top: topOf(motion), bottom: PANEL - 42 };
   const x = d3.scaleLinear(widened(extentOf(motion, "x"), 0.09), [box.left, box.right]);
   const v = d3.scaleLinear(extent, [box.bottom, box.top]);
-  const inside = drawFrame(svg, box, { x, y: v }, { x: "displacement", y: "velocity", ticks: [3, 5] });
+  const inside = drawFrame(svg, box, { x, y: v }, { x: nameOfPlace(), y: "velocity", ticks: [3, 5] });
   drawWalls(group(inside, "lines"), motion, (at) => [x(at), box.top, x(at), box.bottom]);
   const last = motion.flights[motion.flights.length - 1],
     jumps = d3.pathRound(2);
