@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 
-from ..continuation.ends import EndKind
 from ..display import NotebookResult, Summary, frame
 from ..errors import InputError, explain_arguments
 from ..models.model import Model
@@ -271,7 +270,7 @@ def attractor_ranges(
         raise InputError("diagram", found, "give branches and a sweep along one parameter")
     parameter = parameters.pop()
     reading = diagram.reading
-    motions = [_of_branch(diagram, interval) for interval in _whole(reading.stable)]
+    motions = [_of_branch(diagram, interval) for interval in reading.stable]
     notes = [reading.incomplete] if diagram.branches and reading.incomplete else []
     notes += [
         f"not known whether {i.notation} on {i.branch} is stable from {i.low:.9g} to {i.high:.9g}"
@@ -350,22 +349,6 @@ def load_ranges(folder: str | Path, model: Model | None = None) -> Ranges:
 
 
 # Stable orbits of branches.
-
-
-def _whole(intervals: Sequence[Interval]) -> list[Interval]:
-    """Intervals, those joined that meet where a closed branch begins and ends."""
-    closed, found = EndKind.CLOSED.name.lower(), list[Interval]()
-    for one in intervals:
-        for k, other in enumerate(found):
-            low, high = (other, one) if other.low < one.low else (one, other)
-            at_seam = (low.bounds[1], high.bounds[0]) == (closed, closed)
-            if other.branch == one.branch and at_seam and math.isclose(low.high, high.low):
-                bounds = (low.bounds[0], high.bounds[1])
-                found[k] = replace(one, low=low.low, high=high.high, bounds=bounds)
-                break
-        else:
-            found.append(one)
-    return found
 
 
 def _of_branch(diagram: Diagram, interval: Interval) -> Motion:

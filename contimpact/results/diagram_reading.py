@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from math import isclose
 from typing import Any, Protocol
 
 import numpy as np
@@ -253,7 +254,8 @@ def stable_intervals(branch: Branch | DiagramSurvey) -> list[Interval]:
         places = [(float(values[row]), name) for row, name in ends]
         (low, low_name), (high, high_name) = sorted(places, key=lambda place: place[0])
         found.append(Interval(branch.id, branch.notation, low, high, (low_name, high_name)))
-    return _join_intervals(found)
+    joined = _join_intervals(found)
+    return _join_at_seam(joined) if branch.ends[0].kind is EndKind.CLOSED else joined
 
 
 def unknown_intervals(branch: Branch) -> list[Interval]:
@@ -302,6 +304,19 @@ def _join_intervals(intervals: list[Interval]) -> list[Interval]:
         else:
             joined.append(interval)
     return joined
+
+
+def _join_at_seam(intervals: list[Interval]) -> list[Interval]:
+    """Join the first and the last run of a closed branch where they meet at its first point."""
+    if len(intervals) < 2:
+        return intervals
+    first, *others, last = intervals
+    low, high = sorted((first, last), key=lambda interval: interval.low)
+    closed = EndKind.CLOSED.name.lower()
+    if (low.bounds[1], high.bounds[0]) != (closed, closed) or not isclose(low.high, high.low):
+        return intervals
+    bounds = (low.bounds[0], high.bounds[1])
+    return [Interval(first.branch, first.notation, low.low, high.high, bounds), *others]
 
 
 def _bistable(

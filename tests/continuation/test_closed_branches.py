@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 from algebraic import Algebraic, follow
 from test_walk import Turning, circle, kinds, lemniscate
+from zoo import ROOT
 
 from contimpact.continuation.branch import TestFunction, Walk
 from contimpact.continuation.ends import EndKind
 from contimpact.continuation.walk import closed_test_values
+from contimpact.results.catalogue import load_diagram
+from contimpact.results.diagram_reading import stable_intervals
 
 
 class Hit(TestFunction):
@@ -95,3 +98,11 @@ def test_values_at_the_end_of_a_loop_are_those_of_its_start():
     assert found[:2].tolist() == [1e-17, 2.0]
     assert np.isnan(found[2])
     assert found[3:].tolist() == [-1e-17, 0.5]
+
+
+def test_stable_orbits_on_both_sides_of_the_first_point_are_one_run():
+    """1:0 of two masses is a loop begun at omega = 1.8, where it is stable."""
+    diagram = load_diagram(ROOT / "branches/two_masses")
+    (run,) = (i for i in stable_intervals(diagram) if i.branch == "b1")
+    assert run.bounds == ("e8", "e1")
+    assert (run.low, run.high) == pytest.approx((1.742860601061951, 1.8639075573052062), abs=1e-9)
