@@ -56,6 +56,8 @@ MOST_IMPACTS = 2000
 """Impacts from the arc to a point at most."""
 CONVERGED = 1e-9
 """Part of the length by which a lap makes it longer, below which the curve has come to an end."""
+HALF_THE_DIGITS = 1.5e-8
+"""Relative width within which values beside a minimum do not differ."""
 SLOWEST = 1e-13
 """Impacts with less, in parts of the orbit's fastest, are not followed: there the map ends."""
 
@@ -128,8 +130,10 @@ class Manifold(NotebookResult):
         return best
 
     def _nearest(self, piece: Piece, k: int, time: float, velocity: float) -> float:
-        """The distance from the curve between two consecutive points of a piece, and from the
-        chords to the nearest points that doubles can tell apart."""
+        """The distance from the curve between two consecutive points of a piece.
+
+        A minimum is located to half the digits; on the short chords beside it, to all.
+        """
         from scipy.optimize import minimize_scalar
 
         grower, lap = self.grower, int(piece.laps[k])
@@ -142,14 +146,22 @@ class Manifold(NotebookResult):
             return float(np.hypot(*offset(sigma)))
 
         begin = piece.parameters[k - 1] / grower.growth ** (lap - int(piece.laps[k - 1]))
-        bounds = sorted((float(begin), float(piece.parameters[k])))
-        exact = {"xatol": 1e-16 * max(map(abs, bounds))}
-        best = float(minimize_scalar(far, bounds=bounds, method="bounded", options=exact).x)
+        low, high = sorted((float(begin), float(piece.parameters[k])))
+        width = high - low
+        exact = {"xatol": HALF_THE_DIGITS * width}
+        least = minimize_scalar(
+            lambda u: far(low + u), bounds=(0.0, width), method="bounded", options=exact
+        )
+        best = low + float(least.x)
         here, found = offset(best), [far(best)]
-        for bound in bounds:
-            chord = offset(float(np.nextafter(best, bound))) - here
-            part = np.clip(-(here @ chord) / max(float(chord @ chord), 1e-300), 0.0, 1.0)
-            found.append(float(np.hypot(*(here + part * chord))))
+        for end in (low, high):
+            step = math.copysign(4.0 * HALF_THE_DIGITS * width, end - best)
+            beside = float(np.clip(best + step, low, high))
+            if beside == best:
+                beside = float(np.nextafter(best, end))
+            chord = offset(beside) - here
+            along = np.clip(-(here @ chord) / max(float(chord @ chord), 1e-300), 0.0, 1.0)
+            found.append(float(np.hypot(*(here + along * chord))))
         return min(found)
 
     def require_wall(self, wall: str) -> None:
