@@ -19,9 +19,9 @@ def code_of(path):
     return ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
 
 
-def test_four_notebooks_are_in_the_contents():
+def test_all_notebooks_are_in_the_contents():
     index = (DOCS / "index.md").read_text(encoding="utf-8")
-    assert len(NOTEBOOKS) == 4
+    assert len(NOTEBOOKS) == 5
     assert all(f"notebooks/{path.stem}" in index for path in NOTEBOOKS)
 
 

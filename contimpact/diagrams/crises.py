@@ -703,7 +703,8 @@ class CrisisCurve:
         """Return the values of the first parameter where the second has a value, solved for."""
         found = []
         offset = self.values[:, 1] - second
-        for k in np.nonzero((offset[:-1] <= 0.0) != (offset[1:] <= 0.0))[0].tolist():
+        found += self.values[offset == 0.0, 0].tolist()
+        for k in np.nonzero(offset[:-1] * offset[1:] < 0.0)[0].tolist():
             part = offset[k] / (offset[k] - offset[k + 1])
             one, other = self.paths[k].unknowns, self.paths[k + 1].unknowns
             guess = (one + part * (other - one))[:-1]
@@ -714,6 +715,17 @@ class CrisisCurve:
 
     def __len__(self) -> int:
         return len(self.values)
+
+    def __repr__(self) -> str:
+        first, second = self.names
+        values = self.values[:, 1]
+        head = (
+            f"Curve of {self.label} in ({first}, {second}), {len(self)} points, "
+            f"{second} from {values.min():.9g} to {values.max():.9g}"
+        )
+        ends = [f"  end: {end.message}" for end in self.ends]
+        left = int(np.sum(~self.physical))
+        return "\n".join([head, *ends, *([f"  not physical: {left} points"] if left else [])])
 
 
 @explain_arguments

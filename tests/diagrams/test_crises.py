@@ -123,6 +123,10 @@ def test_a_curve_in_two_parameters(crisis):
     for row, r in ((0, 0.25), (-1, 0.35)):
         assert abs(curve.values[row, 0] - AT_R[r]) <= curve.errors[row]
     assert curve.at(0.3) == pytest.approx([FIG7], abs=1e-13)
+    for r in (0.25, 0.35):  # its ends belong to it
+        assert curve.at(r) == pytest.approx([AT_R[r]], abs=1e-12)
+    assert curve.at(0.36) == []
+    assert "27 points, r from 0.25 to 0.35" in repr(curve)
 
 
 @pytest.fixture(scope="module")
