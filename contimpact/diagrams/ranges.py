@@ -26,13 +26,13 @@ from ..results.branch import Branch, Entry, model_at
 from ..results.catalogue import check_reading, load_diagram
 from ..results.diagram import Diagram
 from ..results.diagram_reading import Interval
+from ..results.fractions import Share, read_fractions, shorten_names
 from ..results.result_folder import read_json
 from ..simulation.attractor import Attractor, Kind
 from ..simulation.basins import Coverage, cover
 from ..simulation.files import COVERAGE, TRANSITIONS, sweep_of
-from ..simulation.fractions import FRACTIONS, Share, fractions_of, shorten_names
 from ..simulation.sweep import Row, Sweep
-from ..storage.files import is_there, read_bounded
+from ..storage.files import is_there
 from ..storage.texts import build_record, csv_text, fit_value
 from .crises import CR
 
@@ -342,8 +342,7 @@ def load_ranges(folder: str | Path, model: Model | None = None) -> Ranges:
                 for t in read_json(path, TRANSITIONS, FOLDER)["transitions"]
             ]
     if is_there(path := place / "fractions.csv"):
-        with check_reading(path, FRACTIONS):
-            shares = fractions_of(read_bounded(path).decode())
+        _, shares = read_fractions(path)
     found = sweep_of(place / "sweep.csv", model)
     return attractor_ranges(diagram, found, coverage=coverage, brackets=brackets, fractions=shares)
 

@@ -32,6 +32,7 @@ from ..results.curve import (
 )
 from ..results.diagram import Diagram
 from ..results.diagram_reading import Reading, read, sentence_of
+from ..results.fractions import Share, shorten_names
 from ..results.quantities import GREEK, PI_BELOW, label_parts
 from ..results.tables import coordinates
 from .orbits import Orbits, Tracks, stride
@@ -112,6 +113,7 @@ def page_data(
     shown: PageView,
     swept: Sequence[SweepSeries] = (),
     progress: Progress = ignore_progress,
+    fractions: tuple[str, Sequence[Share]] | None = None,
 ) -> dict[str, Any]:
     """Return what a page shows.
 
@@ -123,6 +125,8 @@ def page_data(
         Attractors of a simulation.
     progress : callable
         Called with a line of text for each branch.
+    fractions : (parameter, shares), optional
+        Basin fractions along the parameter.
     """
     derived = model.DERIVED if model else ()
     branches, keys = diagram.branches, keys_of(diagram.curves)
@@ -168,6 +172,7 @@ def page_data(
         "curves": [_curve(curve) | {"key": keys.index(key_of(curve))} for curve in diagram.curves],
         "panels": _panels(diagram),
         "swept": [_swept(found, tracks, every) for found in swept],
+        "fractions": _bands(*fractions, model) if fractions and model else None,
     }
 
 
@@ -473,3 +478,24 @@ def _cycles(found: SweepSeries) -> Orbits:
     impacts = found.sections.reshape(len(found), len(found.word), -1)
     parameters: Mapping[str, Array] = found.parameters
     return Orbits(found.word, found.period or 1, parameters, impacts)
+
+
+def _bands(parameter: str, shares: Sequence[Share], model: Model) -> dict[str, Any]:
+    """Basin fractions by motion, at the values of the parameter and of what derives from it."""
+    values = sorted({share.value for share in shares})
+    there = [model.replace(**{parameter: value}) for value in values]
+    motions: dict[int, dict[float, Share]] = {}
+    for share in shares:
+        motions.setdefault(share.motion, {})[share.value] = share
+    return {
+        "columns": {name: [m[name] for m in there] for name in (parameter, *model.DERIVED)},
+        "motions": [
+            {
+                "name": shorten_names([own[v].notation for v in values if v in own]),
+                "parts": [own[v].fraction if v in own else 0.0 for v in values],
+                "low": [own[v].low if v in own else 0.0 for v in values],
+                "high": [own[v].high if v in own else 0.0 for v in values],
+            }
+            for _, own in sorted(motions.items())
+        ],
+    }

@@ -17,6 +17,7 @@ from ..errors import printable
 from ..models.model import Model
 from ..progress import Progress, ignore_progress
 from ..results.diagram import Diagram
+from ..results.fractions import Share, read_fractions
 from ..results.quantities import NO_WALL, WALLS, WALLS_ON_DARK
 from ..results.result_folder import reading
 from ..storage.files import is_there, write, write_all
@@ -27,7 +28,7 @@ NAME = "diagram.html"
 FOLDER = Path(__file__).parent
 LIBRARY = "vendor/d3.min.js"
 SCRIPTS = (
-    *("data", "state", "numbers", "shape", "chart", "diagram", "pointer", "labels"),
+    *("data", "state", "numbers", "shape", "chart", "diagram", "pointer", "labels", "bands"),
     *("motion", "machine", "orbit", "moving", "catalogue", "plane", "areas", "files", "main"),
 )
 """Our own scripts, in the order in which they stand on each other."""
@@ -47,6 +48,7 @@ def page_text(
     shown: PageView,
     swept: Sequence[SweepSeries] = (),
     progress: Progress = ignore_progress,
+    fractions: tuple[str, Sequence[Share]] | None = None,
 ) -> str:
     """Return the page; takes the arguments of `data.page_data`."""
     style = _fill_template(_asset("page.css"), PALETTE)
@@ -59,7 +61,7 @@ def page_text(
         "title": html.escape(f"{printable(diagram.name)} - contimpact"),
         "style": style,
         "library": library,
-        "data": script_json(page_data(diagram, model, shown, swept, progress)),
+        "data": script_json(page_data(diagram, model, shown, swept, progress, fractions)),
         "script": script,
     }
     return _fill_template(_asset("page.html"), parts)
@@ -77,8 +79,8 @@ def save_page(
     progress: Progress = ignore_progress,
 ) -> list[str]:
     """Write the page of a folder, with its attractors if there are any; returns its name."""
-    swept = attractors_in(folder, model)
-    return write_all(folder, {NAME: lambda: page_text(diagram, model, shown, swept, progress)})
+    found = attractors_in(folder, model), progress, fractions_in(folder)
+    return write_all(folder, {NAME: lambda: page_text(diagram, model, shown, *found)})
 
 
 def write_page(
@@ -95,14 +97,20 @@ def write_page(
     its manifest.
     """
     with reading(folder):
-        swept = attractors_in(folder, model)
-    write(target, page_text(diagram, model, shown, swept, progress))
+        found = attractors_in(folder, model), progress, fractions_in(folder)
+    write(target, page_text(diagram, model, shown, *found))
 
 
 def attractors_in(folder: Path, model: Model | None) -> list[SweepSeries]:
     """Return the attractors that a simulation has left in a folder, if one has."""
     path = folder / "sweep.csv"
     return read_sweep(path, model) if model is not None and is_there(path) else []
+
+
+def fractions_in(folder: Path) -> tuple[str, list[Share]] | None:
+    """Return the basin fractions that a simulation has left in a folder, if one has."""
+    path = folder / "fractions.csv"
+    return read_fractions(path) if is_there(path) else None
 
 
 def _asset(name: str) -> str:

@@ -7,12 +7,10 @@ the nearest in phase and velocity. Intervals are those of Clopper and Pearson.
 
 from __future__ import annotations
 
-import csv
-import io
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,6 +19,7 @@ from ..display import NotebookResult, Summary, frame
 from ..errors import InputError, explain_arguments
 from ..models.model import Model
 from ..progress import Asked, progress_lines
+from ..results.fractions import FRACTIONS, Share, shorten_names
 from ..results.simulate_tables import (
     MOST_FRACTION_STARTS,
     SETTLING,
@@ -117,24 +116,6 @@ class Tipping:
         return f"{self.motion} {what} between {self.low:.9g} and {self.high:.9g}"
 
 
-FRACTIONS = "contimpact.fractions/1"
-"""Schema of ``fractions.csv``."""
-
-
-class Share(NamedTuple):
-    """The part of random starts that leads to a motion at a value."""
-
-    value: float
-    notation: str
-    fraction: float
-
-
-def shorten_names(names: Sequence[str]) -> str:
-    """Return the different ones of several notations in order, of many the first and the last."""
-    short = list(dict.fromkeys(names))
-    return ", ".join(short if len(short) < 5 else [*short[:2], "...", short[-1]])
-
-
 @dataclass(frozen=True, eq=False)
 class BasinFractions(NotebookResult):
     """What part of random starts leads to each motion, along a parameter."""
@@ -177,7 +158,7 @@ class BasinFractions(NotebookResult):
     @property
     def shares(self) -> list[Share]:
         """The fraction of each motion at each value."""
-        return [Share(row[0], row[2], row[4]) for row in self.rows()]
+        return [Share.of(row) for row in self.rows()]
 
     @property
     def tippings(self) -> list[Tipping]:
@@ -244,18 +225,6 @@ def fractions_text(found: BasinFractions) -> str:
     head = {"schema": FRACTIONS, "parameter": found.parameter, "starts": found.starts}
     comment = json.dumps({**head, "confidence": found.confidence})
     return f"# {comment}\n" + csv_text([found.parameter, *COLUMNS[1:]], found.rows())
-
-
-def fractions_of(text: str) -> list[Share]:
-    """Return the shares that the text of ``fractions.csv`` holds.
-
-    Raises ValueError if it is not of this schema, or damaged.
-    """
-    head, _, table = text.partition("\n")
-    if json.loads(head.removeprefix("# ")).get("schema") != FRACTIONS:
-        raise ValueError("another schema")
-    _, *rows = csv.reader(io.StringIO(table))
-    return [Share(float(row[0]), row[2], float(row[4])) for row in rows]
 
 
 COLUMNS = ("value", "motion", "notation", "count", "fraction", "low", "high")

@@ -27,6 +27,7 @@ from contimpact.page.data import PageView
 from contimpact.page.document import FOLDER, LIBRARY, page_text
 from contimpact.page.notebook import view
 from contimpact.page.sweeps import read_sweep
+from contimpact.results.fractions import Share
 from contimpact.results.scene import read_scene
 from contimpact.simulation.files import sweep_text
 from contimpact.simulation.sweep import sweep
@@ -197,10 +198,11 @@ def reader(driver, tmp_path):
     """``reader(diagram, scene)``: a page in the browser; nothing may have been complained of."""
     readers = []
 
-    def opened(diagram, scene, fragment="", swept=()):
+    def opened(diagram, scene, fragment="", swept=(), fractions=None):
         plot, path = scene.plot, tmp_path / "diagram.html"
         shown = PageView(plot.x, plot.xlim, plot.ylim, plot.unphysical, scene.source)
-        path.write_text(page_text(diagram, scene.model, shown, swept), encoding="utf-8")
+        text = page_text(diagram, scene.model, shown, swept, fractions=fractions)
+        path.write_text(text, encoding="utf-8")
         (tmp_path / "downloads").mkdir(exist_ok=True)
         readers.append(Reader(driver, path, tmp_path / "downloads"))
         return readers[-1].open(fragment)
@@ -236,6 +238,22 @@ def test_the_pages_of_the_paper_open(reader, computed, name):
     assert page.all("#diagram .branches path")
     assert page.run("return document.documentElement.scrollWidth <= innerWidth")
     assert page.path.stat().st_size - (FOLDER / LIBRARY).stat().st_size < 2_000_000
+
+
+def test_basin_fractions_stand_below_the_diagram(reader, computed):
+    diagram, scene = computed("fig7")
+    shares = [Share(s, "1:1", 0.25, 1) for s in (0.2, 0.5)]
+    shares += [Share(s, "2:1", 0.75, 2) for s in (0.2, 0.5)]
+    page = reader(diagram, scene, fractions=("s", shares))
+    heights = page.run(
+        "return [...document.querySelectorAll('#diagram .band')].map(b => b.getBBox().height)"
+    )
+    assert heights == pytest.approx([17.5, 52.5], abs=0.5)
+    names = page.run(
+        "return [...document.querySelectorAll('.bands .run-name')].map(t => t.textContent)"
+    )
+    assert names == ["1:1", "2:1"]
+    assert "75 % (0 % to 100 %)" in page.run("return document.querySelector('.band1').textContent")
 
 
 def looked_at(driver, page):

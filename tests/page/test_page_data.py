@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 from contimpact.errors import InputError
 from contimpact.page import orbits as tracks
 from contimpact.page.data import PageView, page_data
+from contimpact.page.document import fractions_in
 from contimpact.page.sweeps import pack_column, read_sweep, script_json
 from contimpact.results.branch import Branch
 from contimpact.results.diagram import Diagram
@@ -254,6 +255,29 @@ def test_a_damaged_table_of_attractors_is_refused(swept, small_scene, tmp_path, 
     damaged.write_text(change(swept.read_text(encoding="utf-8")), encoding="utf-8")
     with pytest.raises(InputError, match=r"sweep\.csv"):
         read_sweep(damaged, small_scene.model)
+
+
+FRACTIONS = """# {"schema": "contimpact.fractions/1", "parameter": "s", "starts": 10}
+s,motion,notation,count,fraction,low,high
+0.3,1,1:1,10,1.0,0.69,1.0
+0.36,1,1:1/C,6,0.6,0.26,0.88
+0.36,2,2:1,4,0.4,0.12,0.74
+"""
+
+
+def test_basin_fractions_are_bands_over_all_that_derives(small, small_scene, tmp_path):
+    (tmp_path / "fractions.csv").write_text(FRACTIONS, encoding="utf-8")
+    found = page_data(small, small_scene.model, PageView("d"), fractions=fractions_in(tmp_path))
+    bands = found["fractions"]
+    assert bands["columns"]["s"] == [0.3, 0.36]
+    assert bands["columns"]["d"] == [small_scene.model.replace(s=s)["d"] for s in (0.3, 0.36)]
+    assert [m["name"] for m in bands["motions"]] == ["1:1, 1:1/C", "2:1"]
+    assert [m["parts"] for m in bands["motions"]] == [[1.0, 0.6], [0.0, 0.4]]
+    assert bands["motions"][1]["high"] == [0.0, 0.74]
+    assert page_data(small, small_scene.model, PageView("d"))["fractions"] is None
+    (tmp_path / "fractions.csv").write_text(FRACTIONS.replace("0.6,", "x,"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"fractions\.csv"):
+        fractions_in(tmp_path)
 
 
 def test_areas_of_a_panel(small_map, small_scene):

@@ -21,6 +21,11 @@
  *   columns: Record<string, Packed>, starts: Packed, times: Packed, velocities: Packed, walls: Packed,
  *   multipliers: Packed, tracks: Tracks | null}} Swept
  */
+/**
+ * Basin fractions: parts of random starts, with their intervals, at the values of the columns.
+ * @typedef {{columns: Record<string, number[]>, motions: {name: string, parts: number[], low: number[],
+ *   high: number[]}[]}} Fractions
+ */
 /** @typedef {{wall: string, time: number, velocity: number}} Impact */
 /** A label as it is set. @typedef {{symbol: string, tilde: boolean, below: string, above: string}} Parts */
 /**
@@ -70,7 +75,7 @@
  *   members: {fixed: Record<string, number>, branches: number[]}[], branches: Branch[], entries: Entry[],
  *   looks: Record<string, {marker: string, colour: string, touching: boolean}>,
  *   reading: {stable: Run[], transitions: Transition[], crises: Crisis[], incomplete: string}, machine: Geometry | null, keys: Key[],
- *   curves: Curve[], panels: Panel[], swept: Swept[]}} Page
+ *   curves: Curve[], panels: Panel[], swept: Swept[], fractions: Fractions | null}} Page
  */
 
 /**

@@ -120,7 +120,8 @@ function drawDiagram() {
   const runs = lanes(),
     wide = element("diagram").parentElement?.clientWidth ?? 600,
     key = keyItems(wide - leftRoom(limits.y, 7) - 28, limits.x);
-  const width = sized(diagram, HEIGHT + LANE * runs.length + ROW * (d3.max(key, (item) => item.row) ?? 0)),
+  const below = HEIGHT - 30 + LANE * runs.length;
+  const width = sized(diagram, below + 30 + bandsHeight() + ROW * (d3.max(key, (item) => item.row) ?? 0)),
     narrow = width < 520;
   const box = {
     left: leftRoom(limits.y, 7),
@@ -156,7 +157,8 @@ function drawDiagram() {
   drawWallNames(group(diagram, "walls"));
   drawLabels(group(diagram, "labels"));
   drawLanes(group(diagram, "lanes"), runs);
-  drawKey(group(diagram, "key"), key, HEIGHT - 22 + LANE * runs.length);
+  drawBands(group(diagram, "bands"), below);
+  drawKey(group(diagram, "key"), key, below + 8 + bandsHeight());
   const said =
     `Bifurcation diagram of ${page.name}: ${Y_NAMES[/** @type {"gap"} */ (state.y)]} against ${withUnit(state.x)} from ` +
     `${shown(limits.x[0], 5)} to ${shown(limits.x[1], 5)}; ${shownFamilies("branch").length} branches, ${shownEntries().length} events. ` +
