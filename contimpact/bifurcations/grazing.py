@@ -42,6 +42,7 @@ from ..segments.flight import Touch
 from ..segments.segment import ELSEWHERE
 from .codimension_two import CurvePoint, touch_points
 from .extended_system import ExtendedSystem, OrbitEvent, OrbitPoint, Orbits, OrbitTest, located
+from .grazing_scenario import scenario_of
 from .kind import (
     SUB,
     SUPER,
@@ -50,6 +51,7 @@ from .kind import (
     Kind,
     Look,
     ManyDigits,
+    Scenario,
     Start,
     System,
     Values,
@@ -283,6 +285,9 @@ class G(Kind):
         if old == 0.0 or new == 0.0:
             return None, slope
         return (SUB if (old > 0.0) == (new > 0.0) else SUPER), slope
+
+    def scenario(self, event: OrbitEvent) -> Scenario:
+        return scenario_of(event, self.born(event), len(touches_at(event)))
 
     def verdict(self, here: Linearisation, details: Details) -> Verdict:
         own = {(details["flight"], details["wall"])}

@@ -142,6 +142,39 @@ class Look:
     hatch: str | None = None
 
 
+# What is seen beyond an event.
+
+
+@dataclass(frozen=True)
+class Window:
+    """Where an orbit with one impact at the touch in several cycles is stable."""
+
+    cycles: int
+    notation: str
+    low: float | None = None
+    high: float | None = None
+    """`low`, `high`: range of the parameter, to leading order; None where it has no end."""
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """What is seen beyond a grazing, to leading order in the distance from it."""
+
+    name: str
+    reason: str | None = None
+    """Why it is not decided."""
+    trace: float | None = None
+    determinant: float | None = None
+    """`trace`, `determinant`: of the cycle, the touch left out."""
+    coefficient: float | None = None
+    """kappa: a gap y < 0 becomes kappa sqrt(-y) a cycle later."""
+    rate: float | None = None
+    """Derivative of the orbit's gap by the parameter."""
+    windows: tuple[Window, ...] = ()
+    """The first ones beyond the grazing, that of the fewest cycles first; of a jump, the orbits on
+    which it may end, stable on both sides of the grazing."""
+
+
 class ManyDigits(Protocol):
     """An orbit problem in many digits, as `contimpact.accuracy.reference` states it anew.
 
@@ -279,6 +312,10 @@ class Kind(ABC):
 
     def sliding(self, event: OrbitEvent) -> str | None:
         """Return which sliding bifurcation it is, if it is one."""
+        return None
+
+    def scenario(self, event: OrbitEvent) -> Scenario | None:
+        """Return what is seen beyond, to leading order, if an observable orbit ends there."""
         return None
 
     # Whether it is a ghost, and what it is called.

@@ -79,7 +79,9 @@ def members(branches: Sequence[Branch], derived: Sequence[str]) -> list[dict[str
 
 
 SCHEMA = "contimpact.page/1"
-UNSAID = ("system", "options", "tangent", "multipliers_before", "multipliers_after", "crisis")
+UNSAID = tuple(
+    "system options tangent multipliers_before multipliers_after crisis scenario".split()
+)
 """Keys of entries that a page leaves out."""
 
 

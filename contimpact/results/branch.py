@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
+from ..bifurcations.kind import Scenario
 from ..bifurcations.requested import PERIOD
 from ..continuation.branch import same_place
 from ..continuation.ends import End, EndKind
@@ -306,6 +307,9 @@ class Entry(ParameterItems, NotebookResult):
         ``switching-sliding`` or ``crossing-sliding``.
     crisis : mapping or None
         For CR, the attractor that ends, what is seen beyond, and the connection that grazes.
+    scenario : Scenario or None
+        For a G that is no ghost, what is seen beyond, with its `name`; see
+        `contimpact.bifurcations.grazing_scenario`.
     certified_radius : float or None
         Radius of the proven enclosure of the followed parameter, where the entry is certified.
     nu, nu_error : float or None
@@ -356,6 +360,7 @@ class Entry(ParameterItems, NotebookResult):
     orbit_period: float | None = None
     sliding: str | None = None
     crisis: Mapping[str, Any] | None = None
+    scenario: Scenario | None = None
 
     @property
     def times(self) -> Array:
@@ -407,6 +412,8 @@ class Entry(ParameterItems, NotebookResult):
         for k, mu in enumerate(self.multipliers, start=1):
             real, imaginary = mu or (None, None)
             row |= {f"multiplier{k}_re": real, f"multiplier{k}_im": imaginary}
+        if self.scenario is not None:
+            row["scenario"] = self.scenario.name
         return row
 
     def to_dataframe(self) -> Any:

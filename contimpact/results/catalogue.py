@@ -338,7 +338,7 @@ def catalogue_text(diagram: Diagram) -> str:
 def _entry_record(entry: Entry) -> dict[str, Json]:
     """An entry as plain data; what few entries have only where it is."""
     record = dataclasses.asdict(entry)
-    for name in ("certified_radius", "orbit_period", "sliding", "crisis"):
+    for name in ("certified_radius", "orbit_period", "sliding", "crisis", "scenario"):
         if record[name] is None:
             del record[name]
     return record

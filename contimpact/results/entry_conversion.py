@@ -80,6 +80,7 @@ def entry_of(event: Event, identity: str, branch: str, before: Point, after: Poi
         nu_error=details.get("nu_error"),
         orbit_period=here.span if problem.autonomous else None,
         sliding=kind.sliding(event),
+        scenario=None if ghost else kind.scenario(event),
     )
 
 
