@@ -26,6 +26,8 @@ import numpy as np
 from ..bifurcations.doubling import PD
 from ..bifurcations.fold import FB
 from ..bifurcations.grazing import G
+from ..bifurcations.grazing_scenario import JUMP
+from ..bifurcations.kind import Scenario
 from ..continuation.ends import EndKind
 from ..errors import explain_arguments
 from .branch import UNKNOWN, Branch, Entry
@@ -109,6 +111,38 @@ class CrisisEnd:
         return f"{what} on the unstable {self.orbit} ({self.entry}); beyond: {self.after}"
 
 
+@dataclass(frozen=True)
+class GrazingScenario:
+    """What is seen beyond the grazing of an observable orbit, to leading order."""
+
+    entry: str
+    """The grazing."""
+    parameter: str
+    value: float
+    notation: str
+    """The orbit that grazes."""
+    scenario: Scenario
+
+    def __str__(self) -> str:
+        place = f"beyond {self.entry}, {self.notation} at {self.parameter} = {self.value:.9g}"
+        name, windows = self.scenario.name, self.scenario.windows
+        if self.scenario.reason:
+            return f"{place}: {name}: {self.scenario.reason}"
+        if name == JUMP:
+            ends = " or ".join(window.notation for window in windows) or "an attractor elsewhere"
+            return f"{place}: {name}, to leading order to {ends}"
+        ranges = [
+            f"{w.notation} {w.low:.9g} to {w.high:.9g}"
+            for w in windows
+            if w.low is not None and w.high is not None
+        ]
+        listed = f"; windows, to leading order: {', '.join(ranges[:SHOWN])}" if ranges else ""
+        return f"{place}: {name}{listed}"
+
+
+SHOWN = 3
+"""Windows of period adding in a sentence; the catalogue has more."""
+
 SURVEYS = {
     "done": "",
     "none": "not surveyed: orbits on no followed branch may exist; follow.survey = true in a scene "
@@ -138,6 +172,8 @@ class Reading:
     earlier versions."""
     crises: Sequence[CrisisEnd] = ()
     """Where complex motion ends in crises, as far as they were located."""
+    scenarios: Sequence[GrazingScenario] = ()
+    """What is seen beyond grazings of observable orbits; none of files of earlier versions."""
     labels: Mapping[str, str] = field(default_factory=dict, repr=False)
     """The label of each event by its name, for words; the catalogue has them with its entries."""
 
@@ -150,8 +186,9 @@ class Reading:
         """Return plain data."""
         lists = asdict(self)
         del lists["survey"], lists["labels"]  # the catalogue's own keys
-        if not self.crises:
-            del lists["crises"]
+        for name in ("crises", "scenarios"):
+            if not lists[name]:
+                del lists[name]
         return lists
 
     def __str__(self) -> str:
@@ -169,6 +206,7 @@ class Reading:
         ]
         lines += [self.incomplete] if self.incomplete else []
         lines += [sentence(t) for t in self.transitions]
+        lines += map(str, self.scenarios)
         lines += map(str, self.crises)
         return "\n".join(lines)
 
@@ -225,8 +263,15 @@ def read(diagram: DiagramSurvey) -> Reading:
         for e in diagram.entries
         if e.crisis is not None
     ]
-    bistable = _bistable(stable, member)
-    return Reading(stable, bistable, transitions, diagram.survey, unknown, crises, labels)
+    scenarios = [
+        GrazingScenario(e.id, e.parameter, e.value, e.notation, e.scenario)
+        for e in diagram.entries
+        if e.scenario is not None
+    ]
+    return Reading(
+        *(stable, _bistable(stable, member), transitions, diagram.survey, unknown, crises),
+        *(scenarios, labels),
+    )
 
 
 @explain_arguments
