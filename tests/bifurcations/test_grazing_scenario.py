@@ -288,13 +288,14 @@ def test_scenarios_are_kept_in_files(tmp_path):
     pair = ci.ImpactPair(beta="pi/6", r=0.3, A=5.0, s=0.27)
     orbit = next(o for o in ci.find_orbits(pair, "3:1", "s") if o.physical and o.stable)
     branch = ci.continue_orbit(orbit, "s", range=(0.24, 0.27), events=["G"])
-    ci.write_diagram(ci.Diagram("one", [branch]), tmp_path)
+    diagram = ci.Diagram("one", [branch])
+    ci.write_diagram(diagram, tmp_path)
     (entry,) = real_grazings(branch)
     said = (
         "beyond e1, 3:1 at s = 0.256462458: overlapping period adding; windows, to leading order: "
     )
-    assert f"{said}(7:2)/2T 0.255718383 to" in str(ci.read(branch))
-    assert ci.read(branch).as_record()["scenarios"][0]["scenario"]["name"] == OVERLAP
+    assert f"{said}(7:2)/2T 0.255718383 to" in str(diagram.reading)
+    assert diagram.reading.as_record()["scenarios"][0]["scenario"]["name"] == OVERLAP
     for read in (ci.load_entries(tmp_path), ci.load_diagram(tmp_path).entries):
         assert [one.scenario for one in read if one.id == entry.id] == [entry.scenario]
     written = (tmp_path / "catalogue.json").read_text(encoding="utf-8")
