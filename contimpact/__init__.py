@@ -67,6 +67,7 @@ if TYPE_CHECKING:
     from .simulation.files import load as load
     from .simulation.files import save as save
     from .simulation.fractions import basin_fractions as basin_fractions
+    from .simulation.integrity import integrity as integrity
     from .simulation.manifolds import grow_manifold as grow_manifold
     from .simulation.settle import settle as settle
     from .simulation.simulator import Simulator as Simulator
@@ -164,6 +165,7 @@ _PLACES = {
     "attractor_ranges": "diagrams.ranges",
     "load_ranges": "diagrams.ranges",
     "grow_manifold": "simulation.manifolds",
+    "integrity": "simulation.integrity",
     "cover": "simulation.basins",
     "basins": "simulation.basins",
     "Basins": "simulation.basins",

@@ -1,0 +1,209 @@
+"""Integrity: how far a stable orbit's impacts may be moved before the motion leads elsewhere.
+
+The distance from an orbit to the nearest boundary of its basin, a measure of how large a
+disturbance it survives (Soliman and Thompson, 1989, who call it local integrity). It is measured
+among the states before impacts: phase in periods, every other coordinate in the largest value that
+the orbit has of it. Rings of starts around each impact are simulated, the smallest first; in the
+first one from which motion leads elsewhere the boundary is found by bisection, and then the nearest
+part of it by turning the direction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..arrays import Array
+from ..errors import InputError, explain_arguments
+from ..orbits.orbit import Orbit
+from ..results.simulate_tables import SETTLING, Settling
+from .attractor import Attractor
+from .basins import attractor_numbers
+from .run import State
+from .settle import settle
+from .simulator import Simulator
+
+SMALLEST, RATIO = 1e-4, 1.12
+"""Radius of the first ring, and of each ring in that of the one before."""
+SECTIONS = 16
+"""Parts into which a stretch with a boundary is divided at once."""
+TURNS = 24
+"""Rounds in which directions around the nearest are tried, each within 0.7 of the last angle."""
+FINEST = 1e-9
+"""Part of the distance to which it is bracketed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Integrity:
+    """Distance of a stable orbit from the nearest boundary of its basin; see `integrity`."""
+
+    distance: float
+    """In the units of `sizes`; `largest` if no start led elsewhere."""
+    error: float
+    """Width of the last bracket. A part of the basin of another motion that is thinner than the
+    spacing of starts may be nearer."""
+    bounded: bool
+    """Whether a boundary was met."""
+    impact: int
+    """The impact, from 1 on, that is moved."""
+    wall: str
+    change: Array
+    """What is added to its time, velocity and other coordinates at the boundary, shape (m,)."""
+    leads_to: str
+    """What is reached beyond the boundary."""
+    sizes: Array
+    """Units of the coordinates: the period, the orbit's largest velocity before impact, and the
+    largest of each other coordinate, shape (m,)."""
+    starts: int
+    """Starts simulated."""
+    orbit: Orbit = field(repr=False)
+
+    def __repr__(self) -> str:
+        name, starts = f"Integrity of {self.orbit.notation}", f"; {self.starts} starts"
+        if not self.bounded:
+            return f"{name}: {self.distance:.6g} or more{starts}"
+        changes = ", ".join(f"{value:+.4g}" for value in self.change)
+        moved = f"impact {self.impact} on {self.wall} moved by ({changes})"
+        value = f"{self.distance:.9g} (+- {self.error:.1g})"
+        return f"{name}: {value}; {moved} leads to {self.leads_to}{starts}"
+
+
+@explain_arguments
+def integrity(
+    orbit: Orbit,
+    *,
+    directions: int = 64,
+    largest: float = 0.5,
+    settling: Settling = SETTLING,
+    rng: int = 0,
+) -> Integrity:
+    """Return how far a stable orbit is from the nearest boundary of its basin.
+
+    Parameters
+    ----------
+    orbit : Orbit
+        Stable and physical, with impacts.
+    directions : int
+        Starts on a ring around each impact. With one coordinate they are at equal angles, else at
+        random.
+    largest : float
+        Largest distance looked at, in periods and in the orbit's largest velocity.
+    settling : Settling
+    rng : int
+        Seed.
+
+    Returns
+    -------
+    Integrity
+
+    Raises
+    ------
+    InputError
+        If the orbit is not stable, not physical, without impacts, or numbers cannot be.
+    """
+    if not (orbit.stable and orbit.physical and orbit.word):
+        found = "no impacts" if not orbit.word else "an orbit that cannot be observed"
+        raise InputError("orbit", found, "give a stable physical orbit with impacts")
+    if directions < 3 or not 0.0 < largest <= 10.0:
+        found = f"directions {directions}, largest {largest}"
+        raise InputError("integrity", found, "give at least 3 directions, and 0 < largest <= 10")
+    return _Search(orbit, settling).nearest(directions, largest, np.random.default_rng(rng))
+
+
+class _Search:
+    """Starts around an orbit, and where they lead."""
+
+    def __init__(self, orbit: Orbit, settling: Settling) -> None:
+        self.orbit, self.settling = orbit, settling
+        self.simulator = Simulator(orbit.model)
+        self.impacts = np.asarray(orbit.problem.impacts(orbit.unknowns), dtype=float)
+        self.sizes = np.max(np.abs(self.impacts), axis=0)
+        self.sizes[self.sizes == 0.0] = 1.0
+        self.sizes[0] = self.simulator.period
+        start = self.state(0, np.zeros(self.impacts.shape[1]))
+        self.known: list[Attractor] = [settle(self.simulator, start, settling)]
+        self.starts = 0
+
+    def state(self, impact: int, change: Array) -> State | None:
+        """The start with an impact moved; None where it would run away from the wall."""
+        time, velocity, *others = (self.impacts[impact] + self.sizes * change).tolist()
+        wall = self.orbit.word.walls[impact]
+        if velocity * self.simulator.sides[self.simulator.letters.index(wall)] <= 0.0:
+            return None
+        return self.simulator.state(wall, time % self.simulator.period, velocity, others)
+
+    def reached(self, impacts: Array, changes: Array) -> Array:
+        """The number of the attractor that each start leads to; the orbit's is 0."""
+        states = [self.state(int(k), change) for k, change in zip(impacts, changes, strict=True)]
+        there = [k for k, state in enumerate(states) if state is not None]
+        self.starts += len(there)
+        numbers = np.zeros(len(states), dtype=int)
+        kept = [state for state in states if state is not None]
+        numbers[there] = attractor_numbers(self.simulator, kept, self.known, self.settling)
+        return numbers
+
+    def bracket(self, impact: int, ray: Array, high: float, width: float) -> tuple[float, float]:
+        """A stretch of a ray of at most this part of its length, from whose far end motion leads
+        elsewhere, as it does from `high`."""
+        low = 0.0
+        while high - low > width * high:
+            radii = np.linspace(low, high, SECTIONS + 1)[1:-1]
+            beyond = self.reached(np.full(len(radii), impact), np.outer(radii, ray))
+            first = int(np.argmax(beyond > 0)) if beyond.any() else len(radii)
+            low, high = np.array([low, *radii, high])[first : first + 2].tolist()
+        return low, high
+
+    def nearest(self, directions: int, largest: float, generator: np.random.Generator) -> Integrity:
+        count, size = self.impacts.shape
+        angles = 2.0 * np.pi * np.arange(directions) / directions
+        rays = np.column_stack([np.cos(angles), np.sin(angles)])
+        if size > 2:
+            rays = generator.normal(size=(directions, size))
+            rays /= np.linalg.norm(rays, axis=1)[:, None]
+        moved = np.repeat(np.arange(count), directions)
+        rays = np.tile(rays, (count, 1))
+        radius = SMALLEST
+        while True:
+            beyond = np.flatnonzero(self.reached(moved, radius * rays))
+            if beyond.size or radius >= largest:
+                break
+            radius = min(RATIO * radius, largest)
+        if not beyond.size:
+            none = np.zeros(size)
+            return self.result(largest, 0.0, False, 0, none)
+        spread = 2.0 * np.pi / directions
+        width = min(0.1 * spread**2, 0.1)
+        impact, ray, high = 0, rays[0], radius / (1.0 - width)
+        tried, near = moved[beyond], rays[beyond]
+        for _ in range(TURNS):
+            inside = high * (1.0 - width)
+            for j in np.flatnonzero(self.reached(tried, inside * near)).tolist():
+                k, one = int(tried[j]), near[j]
+                inside = high * (1.0 - width)
+                if self.reached(np.array([k]), inside * one[None])[0]:
+                    impact, ray = k, one
+                    high = self.bracket(k, one, inside, width)[1]
+            near = ray + spread * generator.uniform(-1.0, 1.0, size=(SECTIONS, size))
+            near /= np.linalg.norm(near, axis=1)[:, None]
+            tried, spread = np.full(SECTIONS, impact), 0.7 * spread
+            width = max(0.1 * spread**2, FINEST)
+        inner, high = self.bracket(impact, ray, high, FINEST)
+        return self.result(high, high - inner, True, impact, high * ray)
+
+    def result(
+        self, distance: float, error: float, bounded: bool, impact: int, change: Array
+    ) -> Integrity:
+        reached = self.reached(np.array([impact]), change[None])[0]
+        return Integrity(
+            distance,
+            error,
+            bounded,
+            impact + 1,
+            self.orbit.word.walls[impact],
+            change * self.sizes,
+            self.known[reached].notation,
+            self.sizes,
+            self.starts,
+            self.orbit,
+        )
