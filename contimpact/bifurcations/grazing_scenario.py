@@ -68,7 +68,8 @@ LONGEST = 40
 """Most cycles per impact of the orbits tried."""
 
 SUPERSTABLE = 1e-9
-"""Multipliers below this tell no scenario: all images of an impact vanish together."""
+"""Multipliers below this tell no scenario: all images of an impact vanish together. Nor do those
+as near to one."""
 
 
 def scenario_of(event: OrbitEvent, start: Start | None, touches: int) -> Scenario:
@@ -95,8 +96,10 @@ def scenario_of(event: OrbitEvent, start: Start | None, touches: int) -> Scenari
     except (ArithmeticError, np.linalg.LinAlgError):
         return Scenario(UNDECIDED, "the linearised flights are singular", trace, determinant)
     given = trace, determinant, coefficient, rate
-    if float(np.max(np.abs(multipliers))) < SUPERSTABLE:
-        return Scenario(UNDECIDED, "all multipliers vanish", *given)
+    largest = float(np.max(np.abs(multipliers)))
+    if largest < SUPERSTABLE or largest > 1.0 - SUPERSTABLE:
+        what = "all multipliers vanish" if largest < 0.5 else "a multiplier is of size one"
+        return Scenario(UNDECIDED, what, *given)
     if not (math.isfinite(coefficient) and coefficient and math.isfinite(rate) and rate):
         return Scenario(UNDECIDED, "the square root or the gap's rate vanishes", *given)
     name, found = predict(trace, determinant, coefficient > 0.0)
