@@ -27,6 +27,8 @@ doubling and a grazing one cycle before the impact. For large n these are
 .. math:: \tfrac34 < \epsilon / (\kappa U_n)^2 < (1 - \lambda) / \lambda^2,
 
 so that they overlap for lambda < 1/4, leave chaos between for lambda < 2/3, and are empty above.
+What is neglected moves their ends by parts of the order of U_n. A jump is finite, so that on its
+end the terms neglected have as much influence.
 
 References: A. B. Nordmark, Phys. Rev. E 55 (1997) 266; W. Chin, E. Ott, H. E. Nusse and
 C. Grebogi, Phys. Rev. E 50 (1994) 4427; M. H. Fredriksson and A. B. Nordmark, Proc. R. Soc. Lond. A

@@ -130,7 +130,7 @@ class GrazingScenario:
             return f"{place}: {name}: {self.scenario.reason}"
         if name == JUMP:
             ends = " or ".join(window.notation for window in windows) or "an attractor elsewhere"
-            return f"{place}: {name}, to leading order to {ends}"
+            return f"{place}: {name}, perhaps to {ends}"
         ranges = [
             f"{w.notation} {w.low:.9g} to {w.high:.9g}"
             for w in windows
