@@ -411,11 +411,19 @@ def cycle_of_one(simulator: Simulator, run: Run, longest: int) -> tuple[Cycle, f
     apart = _phase_distance(run.phases[early] - run.phases[last], run.period) / run.period
     apart = np.maximum(apart, np.abs(run.velocities[early] - run.velocities[last]) / scale)
     apart[run.walls[early] != run.walls[last]] = np.inf
-    for back in early[apart < NEAR][::-1][:3]:
+    near = early[apart < NEAR][::-1]
+    repeating = [back for back in near if repeats(run.walls, int(last - back))]
+    for back in (repeating or near)[:3]:
         cycle = shortest_closed(simulator, AROUND_ONE, run, int(last - back), _repetitions)
         if cycle is not None and abs(cycle.multipliers[0]) < 1.0:
             return cycle, _distance(run, cycle, scale)
     return None
+
+
+def repeats(walls: Array, length: int) -> bool:
+    """Whether walls repeat themselves after a length: the later half of them, at least twice."""
+    later = walls[-max(2 * length, len(walls) // 2) :]
+    return 2 * length <= len(walls) and np.array_equal(later[length:], later[:-length])
 
 
 def _phase_distance(difference: Any, period: float) -> Any:
@@ -542,7 +550,9 @@ def cycle_of_several(simulator: Simulator, run: Run, longest: int) -> tuple[Cycl
     early = np.arange(max(0, last - longest), last)
     apart = _states_apart(table[early] - table[last], _sizes(run))
     apart[run.walls[early] != run.walls[last]] = np.inf
-    for back in early[apart < NEAR][::-1][:3]:
+    near = early[apart < NEAR][::-1]
+    repeating = [back for back in near if repeats(run.walls, int(last - back))]
+    for back in (repeating or near)[:3]:
         cycle = shortest_closed(
             simulator, AROUND_SEVERAL, run, int(last - back), _repetitions_of_states
         )

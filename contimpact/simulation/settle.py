@@ -30,6 +30,7 @@ from .attractor import (
     Kind,
     cycle_of_one,
     cycle_of_several,
+    repeats,
     sticking_cycle_of_one,
     sticking_cycle_of_several,
 )
@@ -275,6 +276,8 @@ TIMES = (0.0, 0.5, 0.25, 0.75)
 guards is taken."""
 FIRST = 64
 """Impacts after which a motion is examined for the first time."""
+PASSING = 0.3
+"""Factor by which a motion that approaches a cycle may come near faster."""
 _ENDS = {
     Outcome.RESTING: Kind.RESTING,
     Outcome.NO_IMPACT: Kind.NO_IMPACT,
@@ -339,10 +342,10 @@ def _settled(simulator: Simulator, state: State, settling: Settling) -> Attracto
         found = _cycle_near(simulator, run, settling.longest)
         if found is not None:
             cycle, distance = found
-            if distance < settling.tolerance or _approaches_cycle(earlier, cycle, distance, made):
+            close = distance < settling.tolerance
+            if close or _approaches_cycle(earlier, cycle, distance, made, run):
                 return periodic(simulator, cycle, distance, periods)
-            if earlier is None or not np.array_equal(earlier[0].walls, cycle.walls):
-                earlier = (cycle, distance, made)
+            earlier = (cycle, distance, made)
     return _attractor_of_end(simulator, run)
 
 
@@ -360,18 +363,23 @@ def _sticking(simulator: Simulator, run: Run, settling: Settling) -> tuple[Cycle
 
 
 def _approaches_cycle(
-    earlier: tuple[Cycle, float, int] | None, cycle: Cycle, distance: float, made: int
+    earlier: tuple[Cycle, float, int] | None, cycle: Cycle, distance: float, made: int, run: Run
 ) -> bool:
     """Whether a motion approaches its cycle at the rate of the cycle's multiplier.
 
-    At least half of the logarithm of the decay is required.
+    At least half of the logarithm of the decay is required, and at most twice of it but for a
+    factor: what comes near faster may pass. The walls have to be those of the cycle already: beside
+    it there may be a longer one, which passes it in each round.
     """
     if earlier is None or not np.array_equal(earlier[0].walls, cycle.walls):
         return False
     if cycle.held.any():
         return False  # it is not solved for
+    if not repeats(run.walls, len(cycle.walls)):
+        return False
     rounds = (made - earlier[2]) / len(cycle.walls)
-    return distance < earlier[1] * abs(cycle.multipliers[0]) ** (0.5 * rounds)
+    rate, ratio = abs(cycle.multipliers[0]) ** rounds, distance / earlier[1]
+    return bool(PASSING * rate**2 < ratio < rate**0.5)
 
 
 def _attractor_of_end(simulator: Simulator, run: Run) -> Attractor:
