@@ -19,7 +19,7 @@ from differences import differences, table, text_of
 from reordered import Judge
 from zoo import ROOT
 
-from contimpact import follow, load_scene, read, write_diagram
+from contimpact import follow, load_diagram, load_entries, load_scene, read, write_diagram
 from contimpact.continuation.ends import EndKind
 
 FOLDER = ROOT / "branches"
@@ -382,3 +382,13 @@ def test_exported_simulations_are_of_the_exported_branches(name):
 
 def test_every_scene_with_a_simulation_has_it_exported():
     assert [name for name in NAMES if scene(name).simulate is not None] == SIMULATED
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_branch_tables_and_the_catalogue_hold_the_same_entries(name):
+    """Each is read without the other."""
+    told = {entry.id: entry for entry in load_entries(FOLDER / name)}
+    for entry in load_diagram(FOLDER / name).entries:
+        same = told[entry.id]
+        assert (entry.kind, entry.label, entry.value) == (same.kind, same.label, same.value)
+        assert entry.scenario == same.scenario
