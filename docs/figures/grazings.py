@@ -296,7 +296,8 @@ def main():
         print(rows[-1], flush=True)
     counted = f"Scenarios right at every place looked at: {right} of {len(rows)}; ends of jumps "
     counted += f"right: {sum(ends)} of {len(ends)}."
-    lines = ["# Scenarios at 30 grazings", "", counted, "", COLUMNS, "|---" * 9 + "|", *rows]
+    head = ["---", "orphan: true", "---", "", "# Scenarios at 30 grazings"]
+    lines = [*head, "", counted, "", COLUMNS, "|---" * 9 + "|", *rows]
     (HERE / "grazings.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
