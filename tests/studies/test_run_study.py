@@ -362,17 +362,19 @@ def test_a_killed_study_goes_on_to_the_same_result(kills, tmp_path):
     study = tmp_path / "study.toml"
     study.write_text(TOML.format(name="small", count=3 * kills))
     computed_here(tmp_path / "whole.sqlite", count=3 * kills)
-    path, killed = tmp_path / "killed.sqlite", 0
+    path, killed, longest = tmp_path / "killed.sqlite", 0, 3.0
     while killed < kills:
+        begun = time.monotonic()
         process = subprocess.Popen(command(study, path, "-w", "1"))
         with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(generator.uniform(1.0, 3.0))
+            process.wait(generator.uniform(0.3, 1.0) * longest)
         if process.poll() is None:
             killed += 1
             process.kill()
             process.wait()
-        elif path.exists():  # done before all kills: what is left of them has to find more to do
+        else:  # done before all kills: what is left of them has to find more to do, and be sooner
             assert process.returncode == 0
+            longest = min(longest, time.monotonic() - begun)
             path.unlink()
     subprocess.run(command(study, path, "-w", "1"), check=True)
     assert contents(path) == contents(tmp_path / "whole.sqlite")
