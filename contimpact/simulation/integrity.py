@@ -100,7 +100,8 @@ def integrity(
     Raises
     ------
     InputError
-        If the orbit is not stable, not physical, without impacts, or numbers cannot be.
+        If the orbit is not stable, not physical, without impacts, or so near a boundary that a
+        simulation leaves it; if numbers cannot be.
     """
     if not (orbit.stable and orbit.physical and orbit.word):
         found = "no impacts" if not orbit.word else "an orbit that cannot be observed"
@@ -123,6 +124,9 @@ class _Search:
         self.sizes[0] = self.simulator.period
         start = self.state(0, np.zeros(self.impacts.shape[1]))
         self.known: list[Attractor] = [settle(self.simulator, start, settling)]
+        if (reached := self.known[0].notation) != orbit.notation:
+            found = f"simulated from {orbit.notation}, motion comes to {reached}"
+            raise InputError("orbit", found, "give an orbit whose basin a simulation can resolve")
         self.starts = 0
 
     def state(self, impact: int, change: Array) -> State | None:
@@ -170,8 +174,7 @@ class _Search:
                 break
             radius = min(RATIO * radius, largest)
         if not beyond.size:
-            none = np.zeros(size)
-            return self.result(largest, 0.0, False, 0, none)
+            return self.result(largest, 0.0, False, 0, np.zeros(size))
         spread = 2.0 * np.pi / directions
         width = min(0.1 * spread**2, 0.1)
         impact, ray, high = 0, rays[0], radius / (1.0 - width)

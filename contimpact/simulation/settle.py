@@ -375,7 +375,7 @@ def _approaches_cycle(
         return False
     if cycle.held.any():
         return False  # it is not solved for
-    if not repeats(run.walls, len(cycle.walls)):
+    if not earlier[1] > 0.0 or not repeats(run.walls, len(cycle.walls)):
         return False
     rounds = (made - earlier[2]) / len(cycle.walls)
     rate, ratio = abs(cycle.multipliers[0]) ** rounds, distance / earlier[1]

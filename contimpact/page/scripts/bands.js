@@ -68,23 +68,19 @@ function drawBands(layer, top) {
     .attr("width", box.right - box.left)
     .attr("y", top)
     .attr("height", BANDS);
-  for (const part of [0, 1])
+  for (const [part, name] of /** @type {[number, string][]} */ ([
+    [0, percent(0)],
+    [0.5, "starts"],
+    [1, percent(1)],
+  ]))
     layer
       .append("text")
       .attr("class", "axis-name")
       .attr("text-anchor", "end")
       .attr("font-size", "11")
       .attr("x", box.left - 6)
-      .attr("y", y(part) + (part ? 9 : 0))
-      .text(percent(part));
-  layer
-    .append("text")
-    .attr("class", "axis-name")
-    .attr("text-anchor", "end")
-    .attr("font-size", "11")
-    .attr("x", box.left - 6)
-    .attr("y", y(0.5) + 4)
-    .text("starts");
+      .attr("y", y(part) + 9 * part)
+      .text(name);
 }
 
 /** A number at a place, or half way between two. @param {number[]} numbers @param {number} place */
