@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from .models.model import Parameter as Parameter
     from .models.model import Symmetry as Symmetry
     from .models.model import Wall as Wall
+    from .orbits.fitting import fit as fit
     from .orbits.orbit import Orbit as Orbit
     from .page.notebook import view as view
     from .plots.attractors import plot_basins as plot_basins
@@ -124,6 +125,7 @@ _PLACES = {
     "Geometry": "models.model",
     "check_model": "segments.checking",
     "Orbit": "orbits.orbit",
+    "fit": "orbits.fitting",
     "find_orbits": "diagrams.starting_orbits",
     "Settings": "continuation.settings",
     "continue_orbit": "diagrams.orbit_branch",

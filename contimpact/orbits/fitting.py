@@ -1,0 +1,586 @@
+r"""Orbits fitted to measured impacts: parameters, their covariance, and which word is nearest.
+
+A row of the data has the wall, the time and the velocity before impact, or some of them. It belongs
+to the impact k of the orbit on that wall that is nearest in deviations, n periods later:
+
+.. math:: \tau_i = t_k(p) + n_i P(p) + c + \epsilon_i, \qquad w_i = v_k(p) + \eta_i,
+
+with the clock c, an offset of the data's time. The sum of squares is made least along the orbits of
+the word by the method of Levenberg and Marquardt. Derivatives of the orbit are exact: those of the
+orbit problem, as in `Orbit.sensitivity`. The covariance is that of linear least squares at the
+minimum (see Seber and Wild, Nonlinear Regression, 1989, section 2.1).
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..arrays import Array
+from ..display import Named
+from ..errors import InputError, did_you_mean, explain_arguments, short_repr
+from ..models.model import Model
+from ..models.word import Word
+from ..segments.kernels import Kernels
+from .orbit import Orbit
+from .quiet import problem_of
+from .search import find_orbits, solve_near
+
+CLOCK = "clock"
+"""Name of the offset between the data's time and the model's."""
+MEASURED = ("time", "velocity")
+ITERATIONS, MOST_DAMPED = 100, 1e12
+"""Steps at most, and the damping, in parts of the scaled normal matrix, at which there is none."""
+SINGULAR = 1e-9
+"""Ratio of singular values of the scaled Jacobian below which a combination is undetermined."""
+CLOCKS, KEPT = 64, 3
+"""Offsets tried per forcing period, and those from which a fit begins."""
+REWEIGHTED = 3
+"""Fits with the deviations that the residuals of the last one have, where they are not given."""
+AMBIGUOUS = 3.0
+"""Deviations by which an impact has to be nearer to a row than the next one."""
+
+
+# The data.
+
+
+@dataclass(frozen=True, eq=False)
+class Impacts:
+    """Measured impacts, a row for each; what is missing is NaN, or an empty wall."""
+
+    walls: tuple[str, ...]
+    times: Array
+    velocities: Array
+    places: tuple[str, ...] = field(repr=False)
+    """What messages call each row."""
+
+    def column(self, name: str) -> Array:
+        """Return the times or the velocities."""
+        return self.times if name == "time" else self.velocities
+
+
+def read_impacts(data: str | Path | Mapping[str, Sequence[Any]]) -> Impacts:
+    """Read measured impacts: a CSV file, or columns.
+
+    Parameters
+    ----------
+    data : path or mapping of str to sequence
+        Columns `time`, `velocity` (before impact) and `wall`, in the units of the model; a file
+        names them in its first line. A cell may be empty, lines that begin with # are left out.
+
+    Raises
+    ------
+    InputError
+        Naming the line, for what is no number, a row without time and velocity, or another column.
+    """
+    if isinstance(data, Mapping):
+        columns = {str(name): list(cells) for name, cells in data.items()}
+        if len({len(cells) for cells in columns.values()}) > 1:
+            found = ", ".join(f"{name} {len(cells)}" for name, cells in columns.items())
+            raise InputError("data", f"columns of unlike lengths: {found}", "give equal lengths")
+        rows = list(zip(*columns.values(), strict=True))
+        return _impacts(list(columns), rows, [f"data, row {i}" for i in range(1, len(rows) + 1)])
+    try:
+        lines = Path(data).read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(str(data), f"it cannot be read ({error})", "give a CSV file") from None
+    kept = [
+        (i, line) for i, line in enumerate(lines, 1) if line.strip() and line.lstrip()[0] != "#"
+    ]
+    cells = [[cell.strip() for cell in row] for row in csv.reader(line for _, line in kept)]
+    if not cells:
+        raise InputError(str(data), "no rows", "give a line of names and a row for each impact")
+    for (i, _), row in zip(kept, cells, strict=True):
+        if len(row) != len(cells[0]):
+            found = f"{len(row)} cells under {len(cells[0])} names"
+            raise InputError(f"{data}, line {i}", found, "leave a comma where a cell is empty")
+    return _impacts(cells[0], cells[1:], [f"{data}, line {i}" for i, _ in kept[1:]])
+
+
+def _impacts(names: list[str], rows: Sequence[Sequence[Any]], places: list[str]) -> Impacts:
+    known = (*MEASURED, "wall")
+    for name in names:
+        if name not in known or names.count(name) > 1:
+            found = f"column {short_repr(name)}{did_you_mean(name, known)}"
+            found += ", twice" if names.count(name) > 1 else ""
+            raise InputError("data", found, "give the columns time, velocity, wall, or some")
+    if not rows or not set(names) & set(MEASURED):
+        raise InputError("data", "no times and no velocities", "give rows with one of them")
+    numbers = np.full((len(rows), 2), math.nan)
+    walls = []
+    for i, row in enumerate(rows):
+        cells = dict(zip(names, row, strict=True))
+        for j, name in enumerate(MEASURED):
+            numbers[i, j] = _number(cells.get(name), f"{places[i]}, {name}")
+        if np.all(np.isnan(numbers[i])):
+            raise InputError(places[i], "neither time nor velocity", "leave the row out")
+        walls.append(str(cells.get("wall") or ""))
+    return Impacts(tuple(walls), numbers[:, 0], numbers[:, 1], tuple(places))
+
+
+def _number(cell: Any, where: str) -> float:
+    """The number in a cell; NaN where it is empty."""
+    try:
+        value = math.nan if cell is None or cell == "" else float(cell)
+    except (TypeError, ValueError):
+        raise InputError(where, short_repr(cell), "give a number, or nothing") from None
+    if math.isinf(value):
+        raise InputError(where, short_repr(cell), "give a finite number, or nothing")
+    return value
+
+
+# A fit.
+
+
+@dataclass(frozen=True, eq=False)
+class Fit(Named):
+    """An orbit fitted to measured impacts; see `fit`."""
+
+    orbit: Orbit
+    """The orbit at the estimates."""
+    values: Mapping[str, float]
+    """Estimates, with that of the `clock` if it was fitted."""
+    covariance: Array
+    """Of the estimates, in their order; NaN where there is a `reason`."""
+    chi2: float
+    """Sum of squares of the residuals, in deviations."""
+    freedom: int
+    """Numbers measured less the estimates."""
+    deviations: Mapping[str, float]
+    """Standard deviations of a time and of a velocity, given or estimated from the residuals."""
+    given: bool
+    """Whether these were given: the covariance is then absolute, and there is a `p_value`."""
+    residuals: Array
+    """Measured less fitted times and velocities, a row for each of the data; NaN where missing."""
+    impacts: Array
+    """The impact of the orbit, from 0 on, that each row belongs to."""
+    data: Impacts = field(repr=False)
+    misfit: float
+    """Twice the negative logarithm of the likelihood, but for a constant: it compares fits."""
+    reason: str | None = None
+    """Why it is no minimum, or not the only one; None otherwise."""
+    notes: tuple[str, ...] = ()
+    others: tuple[Fit, ...] = field(default=(), repr=False)
+    """Fits of the other orbits, the nearest first."""
+
+    @property
+    def errors(self) -> dict[str, float]:
+        """Standard deviations of the estimates."""
+        return dict(zip(self.values, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+
+    @property
+    def p_value(self) -> float | None:
+        """Probability of a larger chi2 if word and deviations are right; None without these."""
+        from scipy.stats import chi2
+
+        return float(chi2.sf(self.chi2, self.freedom)) if self.given and self.freedom else None
+
+    @property
+    def state(self) -> str:
+        """Whether the orbit is stable, unstable or unphysical."""
+        if not self.orbit.physical:
+            return "unphysical"
+        return "stable" if self.orbit.stable else "unstable"
+
+    def covers(self, truth: Mapping[str, float], level: float = 0.95) -> bool:
+        """Return whether the confidence ellipsoid of some parameters holds their values."""
+        from scipy.stats import chi2, f
+
+        names = list(self.values)
+        for name in truth:
+            if name not in names:
+                raise InputError("truth", repr(name), f"give some of {', '.join(names)}")
+        at = [names.index(name) for name in truth]
+        off = np.array([truth[name] - self.values[name] for name in truth])
+        if CLOCK in truth:
+            i, span = list(truth).index(CLOCK), self.orbit.period
+            off[i] -= span * round(off[i] / span)
+        distance = off @ np.linalg.solve(self.covariance[np.ix_(at, at)], off)
+        most = len(at) * f.ppf(level, len(at), self.freedom) if not self.given else 0.0
+        return bool(distance <= (chi2.ppf(level, len(at)) if self.given else most))
+
+    def __repr__(self) -> str:
+        p = self.p_value
+        quality = f"chi2 = {self.chi2:.4g} of {self.freedom}"
+        quality += f", p = {p:.2g}" if p is not None else ""
+        lines = [f"Fit of {self.orbit.notation} ({self.orbit.word}), {self.state}: {quality}"]
+        errors = self.errors
+        for name, value in self.values.items():
+            error = errors[name]
+            lines.append(f"  {name} = {value:.9g}" + (f" +- {error:.2g}" if error >= 0.0 else ""))
+        lines += [f"  {text}" for text in ([self.reason] if self.reason else []) + [*self.notes]]
+        for other in self.others[:3]:
+            further = other.misfit - self.misfit
+            found = f"  further: {other.orbit.notation}, {other.state}: misfit larger by "
+            lines.append(f"{found}{further:.3g}")
+        return "\n".join(lines)
+
+
+@explain_arguments
+def fit(
+    model: Model,
+    words: str | Word | Orbit | Iterable[str | Word | Orbit],
+    data: str | Path | Mapping[str, Sequence[Any]] | Impacts,
+    parameters: Sequence[str],
+    *,
+    deviations: Mapping[str, float] | None = None,
+    clock: bool = True,
+    rng: np.random.Generator | int = 0,
+) -> Fit:
+    """Fit parameters of a model to measured impacts of a periodic orbit.
+
+    Parameters
+    ----------
+    model : Model
+        Its values are those the fit starts from, and those of all other parameters.
+    words : str, Word or Orbit, or several
+        Orbits by name, each of which is searched for at the starting values; or an orbit, which
+        starts from its own values. The nearest is returned, with the `others`.
+    data : path, mapping or Impacts
+        See `contimpact.orbits.fitting.read_impacts`. Rows may be of many periods, in any order.
+    parameters : sequence of str
+        Those to estimate.
+    deviations : mapping of str to float, optional
+        Standard deviations of a `time` and of a `velocity`, as independent errors have. Otherwise
+        they are estimated from the residuals: each kind's where there are more than two numbers for
+        each estimate, and one in parts of period and largest velocity where there are fewer.
+    clock : bool
+        Whether the data's time has an unknown offset, which is then estimated too, modulo the
+        orbit's period.
+    rng : numpy.random.Generator or int
+        For the search of orbits.
+
+    Returns
+    -------
+    Fit
+        Orbits of which each impact has data come before others; the least `misfit` decides.
+
+    Raises
+    ------
+    InputError
+        For data that cannot be read, an unknown parameter, or where no orbit is found to start
+        from.
+    """
+    data = data if isinstance(data, Impacts) else read_impacts(data)
+    if model.autonomous:
+        found = "its period is free, and a time has no phase"
+        raise InputError("model", found, "give a forced system")
+    names = [parameters] if isinstance(parameters, str) else list(parameters)
+    for name in names:
+        model.require(name, "parameters")
+    if not names or len(set(names)) < len(names):
+        raise InputError("parameters", short_repr(names), "name at least one, each once")
+    measured = [name for name in MEASURED if not np.all(np.isnan(data.column(name)))]
+    if deviations is not None:
+        for name in measured:
+            if not 0.0 < deviations.get(name, 0.0) < math.inf:
+                found = f"{short_repr(dict(deviations))}, with a {name} in the data"
+                raise InputError("deviations", found, f"give {name} a number > 0")
+    for wall, place in zip(data.walls, data.places, strict=True):
+        if wall and wall not in model.letters:
+            raise InputError(f"{place}, wall", repr(wall), f"give {', '.join(model.letters)}")
+    starts, notes = _starts(model, words, rng)
+    fits, kernels = [], {name: Kernels(model, name) for name in names}
+    for orbit in starts:
+        lacking = {w for w in data.walls if w} - set(orbit.word.walls)
+        if lacking:
+            notes.append(f"{orbit.notation} has no impact on {', '.join(sorted(lacking))}")
+            continue
+        task = _Task(orbit.model, orbit.word, data, kernels, clock and "time" in measured)
+        fits.append(_best(task, orbit, deviations))
+    if not fits:
+        found = "; ".join(dict.fromkeys(notes)) or "none"
+        raise InputError("words", found, "give other words, starting values, or an orbit")
+    kept: list[Fit] = []
+    for one in sorted(fits, key=_rank):
+        if not any(_same(one, other) for other in kept):
+            kept.append(one)
+    best = kept[0]
+    return replace(best, others=tuple(kept[1:]), notes=(*best.notes, *dict.fromkeys(notes)))
+
+
+def _starts(model: Model, words: Any, rng: Any) -> tuple[list[Orbit], list[str]]:
+    """The orbits to start from, and which words have none."""
+    orbits: list[Orbit] = []
+    notes: list[str] = []
+    for word in [words] if isinstance(words, str | Word | Orbit) else list(words):
+        found = [word] if isinstance(word, Orbit) else find_orbits(model, word, rng=rng)
+        if not found:
+            notes.append(f"no {word} orbit was found at the starting values")
+        orbits += [one for one in found if len(one.word)]
+        if any(not len(one.word) for one in found):
+            notes.append("an orbit without impacts has nothing to compare")
+    return orbits, notes
+
+
+def _rank(one: Fit) -> tuple[bool, float]:
+    return len(set(one.impacts.tolist())) < len(one.orbit.word), one.misfit
+
+
+def _same(one: Fit, other: Fit) -> bool:
+    """Whether two fits have ended at the same orbit."""
+    if one.orbit.word != other.orbit.word:
+        return False
+    return np.allclose(one.orbit.unknowns[:-1], other.orbit.unknowns[:-1], rtol=0.0, atol=1e-6)
+
+
+# The least squares.
+
+
+class _Point(NamedTuple):
+    """An orbit at some estimates, and what the data say of it."""
+
+    values: Array
+    orbit: Orbit
+    impacts: Array
+    laps: Array
+    residuals: Array
+    cost: float
+
+
+class _Task:
+    """One word, the data and the parameters to fit."""
+
+    def __init__(
+        self, model: Model, word: Word, data: Impacts, kernels: dict[str, Kernels], clock: bool
+    ) -> None:
+        self.model, self.word, self.data, self.kernels = model, word, data, kernels
+        self.names = [*kernels, *([CLOCK] if clock else [])]
+        letters = np.array(list(word.walls))
+        walls = np.array(data.walls)[:, None]
+        self.barred = (walls != "") & (walls != letters)
+        self.measured = np.column_stack([data.times, data.velocities])
+        self.present = ~np.isnan(self.measured)
+        self.sigmas = np.ones(2)
+        self.refused = ""
+
+    def solve(self, values: Array, guess: Array) -> Orbit | None:
+        """The orbit at the parameters, from a guess of its impacts; None says why in `refused`."""
+        given = dict(zip(self.kernels, values.tolist(), strict=False))
+        try:
+            model = self.model.replace(**given)
+        except InputError as error:
+            self.refused = str(error)
+            return None
+        name = next(iter(self.kernels))
+        problem = problem_of(model, self.word, self.kernels[name])
+        here = solve_near(problem, np.append(guess, given[name]))
+        if here is None:
+            at = ", ".join(f"{key} = {value:.6g}" for key, value in given.items())
+            self.refused = f"the orbit cannot be followed to {at}; it may end in a fold before"
+            return None
+        return Orbit(problem, here)
+
+    def compare(self, values: Array, orbit: Orbit) -> _Point:
+        """Which impact each row belongs to, and by how much it is off."""
+        offset = values[-1] if self.names[-1] == CLOCK else 0.0
+        off = self.measured[:, None, :] - np.column_stack([orbit.times + offset, orbit.velocities])
+        laps = np.round(off[..., 0] / orbit.period)
+        off[..., 0] -= orbit.period * laps
+        far = np.nansum((off / self.sigmas) ** 2, axis=2) + np.where(self.barred, math.inf, 0.0)
+        impacts, rows = np.argmin(far, axis=1), np.arange(len(off))
+        self.far = far
+        return _Point(
+            values, orbit, impacts, laps[rows, impacts], off[rows, impacts],
+            float(np.sum(far[rows, impacts])),
+        )  # fmt: skip
+
+    def slopes(self, point: _Point) -> tuple[Array, Array]:
+        """Derivatives of the orbit's impacts, and of what was measured, by the estimates."""
+        problem, z = point.orbit.problem, point.orbit.unknowns
+        columns, drifts = [], []
+        for name, kernels in self.kernels.items():
+            own = problem_of(point.orbit.model, self.word, kernels)
+            unknowns = np.append(z[:-1], point.orbit.model.values[name])
+            columns.append(own.evaluate(unknowns).by_parameter[:, 0])
+            setup = kernels.setup(*own.values(unknowns))
+            drifts.append(self.word.period * float(setup.slopes[0]))
+        matrix = point.orbit.linearisation.jacobian[:, : problem.n]
+        moved = -np.linalg.solve(matrix, np.column_stack(columns))
+        rows = moved.reshape(-1, problem.m, len(columns))[point.impacts, :2]
+        rows[:, 0] += np.nan_to_num(point.laps)[:, None] * np.array(drifts)
+        if self.names[-1] == CLOCK:
+            rows = np.concatenate([rows, np.zeros((len(rows), 2, 1))], axis=2)
+            rows[:, 0, -1] = 1.0
+        return moved, (rows / self.sigmas[:, None])[self.present]
+
+    def leverages(self, point: _Point) -> Array:
+        """How many of the estimates times and velocities determine, by which their residuals are
+        smaller than errors."""
+        matrix = self.slopes(point)[1] * self.sizes(point)
+        u, s, _ = np.linalg.svd(matrix, full_matrices=False)
+        shares = np.zeros(self.present.shape)
+        shares[self.present] = np.sum(u[:, s > SINGULAR * s[0]] ** 2, axis=1)
+        return np.asarray(np.sum(shares, axis=0))
+
+    def sizes(self, point: _Point) -> Array:
+        """Natural sizes of the estimates."""
+        sizes = np.array([abs(v) or 1.0 for v in point.values])
+        if self.names[-1] == CLOCK:
+            sizes[-1] = point.orbit.period
+        return sizes
+
+
+def _best(task: _Task, orbit: Orbit, deviations: Mapping[str, float] | None) -> Fit:
+    """The nearest fit that starts from an orbit, over offsets of the clock and its laps."""
+    period = orbit.period / task.word.period
+    scales = np.array([period, max(float(np.max(np.abs(orbit.velocities))), 1e-300)])
+    if deviations is not None:
+        scales = np.array([deviations.get(name, 1.0) for name in MEASURED])
+    task.sigmas = scales
+    start = np.array([orbit.model.values[name] for name in task.kernels])
+    if task.names[-1] == CLOCK:
+        tried = np.arange(CLOCKS * task.word.period) * (period / CLOCKS)
+        points = [task.compare(np.append(start, c), orbit) for c in tried]
+        costs = np.array([point.cost for point in points])
+        least = np.flatnonzero((costs <= np.roll(costs, 1)) & (costs <= np.roll(costs, -1)))
+        begin = [points[i] for i in least[np.argsort(costs[least], kind="stable")][:KEPT]]
+    else:
+        laps = range(task.word.period if task.present[:, 0].any() else 1)
+        begin = [task.compare(start, _later(orbit, lap * period)) for lap in laps]
+    found, counts = [], np.sum(task.present, axis=0)
+    enough = bool(np.all((counts == 0) | (counts > 2 * len(task.names))))
+    for point in begin:
+        task.sigmas = scales
+        reached, reason = _descend(task, task.compare(point.values, point.orbit))
+        if deviations is None and enough:
+            for _ in range(REWEIGHTED):
+                squares = np.nansum(reached.residuals**2, axis=0)
+                squares /= np.maximum(counts - task.leverages(reached), 1)
+                task.sigmas = np.maximum(np.sqrt(squares), 1e-12 * scales)
+                reached, reason = _descend(task, task.compare(reached.values, reached.orbit))
+        found.append(_fit(task, reached, reason, deviations is not None))
+    return min(found, key=_rank)
+
+
+def _later(orbit: Orbit, shift: float) -> Orbit:
+    """The same orbit some periods of the forcing later."""
+    if not shift:
+        return orbit
+    unknowns = orbit.unknowns.copy()
+    unknowns[: -1 : orbit.problem.m] += shift
+    return Orbit(orbit.problem, orbit.problem.evaluate(unknowns))
+
+
+def _descend(task: _Task, point: _Point) -> tuple[_Point, str | None]:
+    """Levenberg's and Marquardt's method along the orbits; a text if there is no minimum."""
+    damping = 0.0
+    for _ in range(ITERATIONS):
+        try:
+            moved, matrix = task.slopes(point)
+        except np.linalg.LinAlgError:
+            return point, "the orbit turns at the estimates: its derivatives are infinite"
+        sizes = task.sizes(point)
+        matrix = matrix * sizes
+        right = (point.residuals / task.sigmas)[task.present]
+        u, s, vt = np.linalg.svd(matrix, full_matrices=False)
+        kept = s > SINGULAR * s[0]
+        along = (u.T @ right)[kept]
+        scale = float(s[0]) ** 2
+        while True:
+            part = along * s[kept] / (s[kept] ** 2 + damping * scale)
+            step = vt[kept].T @ part
+            gain = float(np.sum(along**2 - (along - s[kept] * part) ** 2))
+            if damping == 0.0 and (
+                gain <= 1e-18 * point.cost or np.max(np.abs(step), initial=0.0) < 1e-14
+            ):
+                return point, None
+            new = _step(task, point, moved, step * sizes)
+            if new is not None and new.cost < point.cost:
+                point, damping = new, 0.0 if damping < 1e-9 else 0.1 * damping
+                break
+            if new is not None and gain <= 1e-9 * point.cost + 1e-24:
+                return point, None  # the rest is rounding
+            damping = max(10.0 * damping, 1e-8)
+            if damping > MOST_DAMPED:
+                return point, f"no minimum was reached: {task.refused or 'no step leads down'}"
+    return point, f"no minimum was reached in {ITERATIONS} steps"
+
+
+def _step(task: _Task, point: _Point, moved: Array, step: Array) -> _Point | None:
+    count = len(task.kernels)
+    guess = point.orbit.unknowns[:-1] + moved @ step[:count]
+    if not np.all(np.isfinite(guess)):
+        return None
+    orbit = task.solve(point.values + step, guess)
+    return None if orbit is None else task.compare(point.values + step, orbit)
+
+
+def _fit(task: _Task, point: _Point, reason: str | None, given: bool) -> Fit:
+    """The result at what was reached."""
+    point = task.compare(point.values, point.orbit)
+    count, notes, sizes = int(np.sum(task.present)), list[str](), task.sizes(point)
+    freedom = max(count - len(task.names), 0)
+    covariance = np.full((len(sizes), len(sizes)), math.nan)
+    try:
+        matrix = task.slopes(point)[1] * sizes
+    except np.linalg.LinAlgError:
+        matrix = np.zeros((count, len(sizes)))
+    s, vt = np.linalg.svd(np.pad(matrix, ((0, max(len(sizes) - count, 0)), (0, 0))))[1:]
+    free = vt[s <= SINGULAR * max(float(s[0]), 1e-300)]
+    if len(free):
+        texts = [
+            _combination(task.names, row * sizes / row[np.argmax(np.abs(row))]) for row in free
+        ]
+        told = f"the data do not determine {', nor '.join(texts)}: fix one of them"
+        reason = f"{reason}; {told}" if reason else told
+    elif reason is None:
+        covariance = (vt.T / s**2) @ vt * np.outer(sizes, sizes)
+        if not given:
+            covariance *= point.cost / freedom if freedom else math.nan
+        if reason is None:
+            notes += _curvature(task, point, vt.T / s * sizes[:, None], given, freedom)
+    if not given and not freedom:
+        notes.append("as many estimates as data: no deviations")
+    named = list(task.word.walls)
+    unseen = [f"{k + 1} on {named[k]}" for k in range(len(named)) if k not in point.impacts]
+    if unseen:
+        notes.append(f"no row belongs to impact {', '.join(unseen)}")
+    if task.far.shape[1] > 1:
+        near = np.sort(np.sqrt(task.far), axis=1)
+        if close := int(np.sum(near[:, 1] - near[:, 0] < AMBIGUOUS)):
+            notes.append(f"{close} of {len(near)} rows may belong to another impact")
+    values = dict(zip(task.names, point.values.tolist(), strict=True))
+    if CLOCK in values:
+        values[CLOCK] %= point.orbit.period
+    spread = math.sqrt(point.cost / freedom) if freedom and not given else 1.0
+    known = [i for i in range(2) if task.present[:, i].any()]
+    deviations = {MEASURED[i]: float(task.sigmas[i] * spread) for i in known}
+    each = np.sum(task.present, axis=0)
+    misfit = point.cost + 2.0 * float(each[known] @ np.log(task.sigmas[known]))
+    return Fit(
+        point.orbit, values, covariance, point.cost, freedom, deviations, given, point.residuals,
+        point.impacts, task.data, misfit, reason, tuple(notes),
+    )  # fmt: skip
+
+
+def _curvature(task: _Task, point: _Point, axes: Array, given: bool, freedom: int) -> list[str]:
+    """A note where the errors of first order are not those at one deviation along each axis."""
+    unit = 1.0 if given else point.cost / max(freedom, 1)
+    moved = task.slopes(point)[0]
+    for axis in axes.T * math.sqrt(unit):
+        if np.max(np.abs(axis) / task.sizes(point)) < SINGULAR:
+            continue  # its chi2 is rounding
+        for step in (axis, -axis):
+            new = _step(task, point, moved, step)
+            if new is None:
+                return [f"within the errors the orbit ends, so they are rough: {task.refused}"]
+            if not 0.5 < (new.cost - point.cost) / unit < 2.0:
+                return ["within the errors the orbit bends, or rows change impacts: they are rough"]
+    return []
+
+
+def _combination(names: Sequence[str], row: Array) -> str:
+    """A direction of the estimates that changes no measured number, in words."""
+    large = [(n, v) for n, v in zip(names, row.tolist(), strict=True) if abs(v) > 1e-6]
+    if len(large) == 1:
+        return large[0][0]
+    return f"{' and '.join(n for n, _ in large)} apart (they move together as " + (
+        ", ".join(f"{v:+.4g} in {n}" for n, v in large) + ")"
+    )
