@@ -218,10 +218,28 @@ def parser() -> argparse.ArgumentParser:
     range_.add_argument("-o", "--output", metavar="FILE", help="file to write as a table (csv)")
     range_.set_defaults(module="range")
 
+    fit = commands.add_parser("fit", help="estimate parameters from measured impacts")
+    fit.add_argument("scene", metavar="SCENE", help="a scene file (TOML) with starting values")
+    fit.add_argument("data", metavar="CSV", help="columns time, velocity, wall, or some of them")
+    fit.add_argument(
+        "--parameter", metavar="NAME", action="append", required=True, help="to estimate"
+    )
+    fit.add_argument("--orbit", metavar="WORD", action="append", help="default: the scene's")
+    fit.add_argument(
+        "--deviation",
+        metavar="NAME=VALUE",
+        action="append",
+        default=[],
+        help="standard deviation of a time, or of a velocity (default: from the residuals)",
+    )
+    fit.add_argument("--no-clock", action="store_true", help="times are those of the model's clock")
+    fit.add_argument("-o", "--output", metavar="FILE", help="picture of the residuals to write")
+    fit.set_defaults(module="fit")
+
     completion = commands.add_parser("completion", help="print the completion of a shell")
     completion.add_argument("shell", choices=["bash", "zsh", "fish"], help="the shell")
     completion.set_defaults(module="completion")
-    for command in (check, run, simulate, report, plot, range_):
+    for command in (check, run, simulate, report, plot, range_, fit):
         command.add_argument(
             "--system",
             metavar="FILE",

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..arrays import Array
-from ..display import Named
+from ..display import NotebookResult, Summary
 from ..errors import InputError, did_you_mean, explain_arguments, short_repr
 from ..models.model import Model
 from ..models.word import Word
@@ -41,8 +41,9 @@ SINGULAR = 1e-9
 """Ratio of singular values of the scaled Jacobian below which a combination is undetermined."""
 CLOCKS, KEPT = 64, 3
 """Offsets tried per forcing period, and those from which a fit begins."""
-REWEIGHTED = 3
-"""Fits with the deviations that the residuals of the last one have, where they are not given."""
+REWEIGHTED = 20
+"""Fits at most with the deviations that the residuals of the last one have, where none are given;
+the last one changes them by less than 1e-6."""
 AMBIGUOUS = 3.0
 """Deviations by which an impact has to be nearer to a row than the next one."""
 
@@ -139,7 +140,7 @@ def _number(cell: Any, where: str) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit(Named):
+class Fit(NotebookResult):
     """An orbit fitted to measured impacts; see `fit`."""
 
     orbit: Orbit
@@ -205,16 +206,23 @@ class Fit(Named):
         most = len(at) * f.ppf(level, len(at), self.freedom) if not self.given else 0.0
         return bool(distance <= (chi2.ppf(level, len(at)) if self.given else most))
 
-    def __repr__(self) -> str:
+    def summary(self) -> Summary:
+        """Return the estimates in short."""
         p = self.p_value
-        quality = f"chi2 = {self.chi2:.4g} of {self.freedom}"
-        quality += f", p = {p:.2g}" if p is not None else ""
-        lines = [f"Fit of {self.orbit.notation} ({self.orbit.word}), {self.state}: {quality}"]
+        title = f"Fit of {self.orbit.notation} ({self.orbit.word}), {self.state}: "
+        title += f"chi2 = {self.chi2:.4g} of {self.freedom}"
+        title += f", p = {p:.2g}" if p is not None else ""
         errors = self.errors
-        for name, value in self.values.items():
-            error = errors[name]
+        rows = [(name, value, errors[name]) for name, value in self.values.items()]
+        notes = ([self.reason] if self.reason else []) + [*self.notes]
+        return Summary(title, ("parameter", "estimate", "standard deviation"), rows, notes)
+
+    def __repr__(self) -> str:
+        told = self.summary()
+        lines = [told.title]
+        for name, value, error in told.rows:
             lines.append(f"  {name} = {value:.9g}" + (f" +- {error:.2g}" if error >= 0.0 else ""))
-        lines += [f"  {text}" for text in ([self.reason] if self.reason else []) + [*self.notes]]
+        lines += [f"  {text}" for text in told.notes]
         for other in self.others[:3]:
             further = other.misfit - self.misfit
             found = f"  further: {other.orbit.notation}, {other.state}: misfit larger by "
@@ -453,8 +461,10 @@ def _best(task: _Task, orbit: Orbit, deviations: Mapping[str, float] | None) -> 
             for _ in range(REWEIGHTED):
                 squares = np.nansum(reached.residuals**2, axis=0)
                 squares /= np.maximum(counts - task.leverages(reached), 1)
-                task.sigmas = np.maximum(np.sqrt(squares), 1e-12 * scales)
+                before, task.sigmas = task.sigmas, np.maximum(np.sqrt(squares), 1e-12 * scales)
                 reached, reason = _descend(task, task.compare(reached.values, reached.orbit))
+                if np.max(np.abs(task.sigmas / before - 1.0)) < 1e-6:
+                    break
         found.append(_fit(task, reached, reason, deviations is not None))
     return min(found, key=_rank)
 

@@ -10,6 +10,7 @@ from ..diagrams.ranges import Ranges
 from ..display import PAINTERS
 from ..errors import InputError, short_repr
 from ..models.model import Model
+from ..orbits.fitting import Fit
 from ..orbits.orbit import Orbit
 from ..results.branch import Branch, Entry
 from ..results.curve import Curve
@@ -32,13 +33,14 @@ from .attractors import (
 )
 from .curves import plot_curves
 from .diagram import plot_diagram
+from .fit import plot_fit
 from .maps import plot_map
 from .orbit import plot_orbit
 from .ranges import plot_ranges
 
 DRAWN = (
     "branches, diagrams, curves, orbits, events, attractors, runs, sweeps, basins, fractions, "
-    "ranges, manifolds and studies"
+    "ranges, manifolds, fits and studies"
 )
 
 
@@ -125,6 +127,11 @@ def _(result: BasinFractions, *x: Any, **options: Any) -> Any:
 @draw_result.register
 def _(result: Ranges, *x: Any, **options: Any) -> Any:
     return plot_ranges(result, *x, **options)
+
+
+@draw_result.register
+def _(result: Fit, **options: Any) -> Any:
+    return plot_fit(result, **options)
 
 
 @draw_result.register
