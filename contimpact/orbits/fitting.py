@@ -156,7 +156,7 @@ class Fit(NotebookResult):
     deviations: Mapping[str, float]
     """Standard deviations of a time and of a velocity, given or estimated from the residuals."""
     given: bool
-    """Whether these were given: the covariance is then absolute, and there is a `p_value`."""
+    """Whether these were given: the covariance is then absolute."""
     residuals: Array
     """Measured less fitted times and velocities, a row for each of the data; NaN where missing."""
     impacts: Array
@@ -177,10 +177,33 @@ class Fit(NotebookResult):
 
     @property
     def p_value(self) -> float | None:
-        """Probability of a larger chi2 if word and deviations are right; None without these."""
-        from scipy.stats import chi2
+        """Probability of residuals as large if the word and all other parameters are right.
 
-        return float(chi2.sf(self.chi2, self.freedom)) if self.given and self.freedom else None
+        By chi2 where deviations were given. Otherwise by the test for lack of fit: means of the
+        residuals of repeated impacts are compared with their scatter, which does not see that a
+        word lacks impacts; `notes` do. None where neither can be said, or where there is a
+        `reason`.
+        """
+        from scipy.stats import chi2, f
+
+        if self.reason is not None or not self.freedom:
+            return None
+        if self.given:
+            return float(chi2.sf(self.chi2, self.freedom))
+        lack = scatter = 0.0
+        count = groups = 0
+        for i, kind in enumerate(MEASURED):
+            for k in sorted(set(self.impacts.tolist())):
+                off = self.residuals[self.impacts == k, i]
+                off = off[~np.isnan(off)] / self.deviations.get(kind, 1.0)
+                if len(off):
+                    count, groups = count + len(off), groups + 1
+                    lack += len(off) * float(np.mean(off)) ** 2
+                    scatter += float(np.sum((off - np.mean(off)) ** 2))
+        over, within = groups - len(self.values), count - groups
+        if over < 1 or within < 1 or not scatter > 0.0:
+            return None
+        return float(f.sf(lack / over / (scatter / within), over, within))
 
     @property
     def state(self) -> str:
@@ -552,6 +575,10 @@ def _fit(task: _Task, point: _Point, reason: str | None, given: bool) -> Fit:
     unseen = [f"{k + 1} on {named[k]}" for k in range(len(named)) if k not in point.impacts]
     if unseen:
         notes.append(f"no row belongs to impact {', '.join(unseen)}")
+    laps = point.laps[task.present[:, 0]]
+    timed = list(zip(point.impacts[task.present[:, 0]].tolist(), laps.tolist(), strict=True))
+    if again := len(timed) - len(set(timed)):
+        notes.append(f"{again} rows have the impact and the period of another row")
     if task.far.shape[1] > 1:
         near = np.sort(np.sqrt(task.far), axis=1)
         if close := int(np.sum(near[:, 1] - near[:, 0] < AMBIGUOUS)):

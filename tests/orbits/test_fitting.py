@@ -92,10 +92,8 @@ def test_the_ellipse_of_95_percent_covers_the_truth(beside, two_one, given):
     assert all(one.reason is None for one in fits)
     covered = sum(one.covers(TRUTH) for one in fits)
     assert 89 <= covered <= 99
-    if given:
-        small = sum(one.p_value < 0.05 for one in fits)
-        assert 0 <= small <= 11
-    else:
+    assert sum(one.p_value < 0.05 for one in fits) <= 11
+    if not given:
         mean = {name: np.mean([one.deviations[name] for one in fits]) for name in NOISE}
         assert mean == pytest.approx(NOISE, rel=0.03)
     pulls = np.array(
@@ -140,7 +138,18 @@ def test_data_of_a_ghost_are_those_of_a_ghost():
 
 
 def test_the_wrong_word_has_no_probability(two_one):
+    """And the second impact of each period on B is said to be one too many."""
     found = ci.fit(PAIR, "1:1", measured(two_one, noise=NOISE), ["r", "beta"], deviations=NOISE)
+    assert found.p_value < 1e-10
+    assert "20 rows have the impact and the period of another row" in found.notes
+
+
+@pytest.mark.parametrize("given", [NOISE, None])
+def test_a_wrong_parameter_has_no_probability(two_one, given):
+    """Also without deviations, by the scatter of repeated impacts."""
+    data = measured(two_one, noise=NOISE)
+    found = ci.fit(PAIR.replace(beta=0.4), "2:1", data, ["r"], deviations=given)
+    assert found.reason is None
     assert found.p_value < 1e-10
 
 
