@@ -25,6 +25,7 @@ import numpy as np
 from ..arrays import Array
 from ..display import NotebookResult, Summary
 from ..errors import InputError, did_you_mean, explain_arguments, short_repr
+from ..models.guards import Wall
 from ..models.model import Model
 from ..models.word import Word
 from ..segments.kernels import Kernels
@@ -316,6 +317,7 @@ def fit(
     for wall, place in zip(data.walls, data.places, strict=True):
         if wall and wall not in model.letters:
             raise InputError(f"{place}, wall", repr(wall), f"give {', '.join(model.letters)}")
+    _require_signs(model, data)
     starts, notes = _starts(model, words, rng)
     fits, kernels = [], {name: Kernels(model, name) for name in names}
     for orbit in starts:
@@ -334,6 +336,18 @@ def fit(
             kept.append(one)
     best = kept[0]
     return replace(best, others=tuple(kept[1:]), notes=(*best.notes, *dict.fromkeys(notes)))
+
+
+def _require_signs(model: Model, data: Impacts) -> None:
+    """Raise InputError where all velocities on a rigid wall point away from it, as of speeds."""
+    for guard in model.WALLS:
+        on = [i for i, wall in enumerate(data.walls) if wall == guard.name]
+        on = [i for i in on if not math.isnan(data.velocities[i])]
+        if isinstance(guard, Wall) and on and np.all(guard.side * data.velocities[on] < 0.0):
+            sign = "positive" if guard.side > 0 else "negative"
+            found = f"{data.velocities[on[0]]:.6g} on {guard.name}, like all others there"
+            accepted = f"give velocities before impact, which are {sign} on {guard.name}"
+            raise InputError(f"{data.places[on[0]]}, velocity", found, accepted)
 
 
 def _starts(model: Model, words: Any, rng: Any) -> tuple[list[Orbit], list[str]]:
@@ -555,7 +569,8 @@ def _fit(task: _Task, point: _Point, reason: str | None, given: bool) -> Fit:
         matrix = task.slopes(point)[1] * sizes
     except np.linalg.LinAlgError:
         matrix = np.zeros((count, len(sizes)))
-    s, vt = np.linalg.svd(np.pad(matrix, ((0, max(len(sizes) - count, 0)), (0, 0))))[1:]
+    padded = np.pad(matrix, ((0, max(len(sizes) - count, 0)), (0, 0)))
+    s, vt = np.linalg.svd(padded, full_matrices=False)[1:]
     free = vt[s <= SINGULAR * max(float(s[0]), 1e-300)]
     if len(free):
         texts = [

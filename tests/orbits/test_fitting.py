@@ -179,6 +179,15 @@ def test_at_a_fold_errors_are_said_to_be_rough(two_one):
     assert any("they are rough" in note for note in found.notes)
 
 
+def test_long_records_take_memory_in_proportion(two_one, beside):
+    """Of 60,000 rows, deviations are those of 60 over the square root of 1000."""
+    long = measured(two_one, laps=20000, noise=NOISE)
+    found = ci.fit(OFF, beside, long, ["r", "beta"], deviations=NOISE)
+    short = ci.fit(OFF, beside, measured(two_one), ["r", "beta"], deviations=NOISE)
+    for name, error in found.errors.items():
+        assert error == pytest.approx(short.errors[name] / math.sqrt(1000.0), rel=1e-3)
+
+
 def test_files(two_one, tmp_path):
     """A file gives what columns give, and comments and empty cells are admitted."""
     data = measured(two_one)
@@ -221,6 +230,7 @@ def test_bad_files_are_refused_with_their_lines(two_one, tmp_path, text, said):
         ({"parameters": []}, "name at least one"),
         ({"deviations": {"time": 0.1}}, "give velocity a number > 0"),
         ({"words": "7:7"}, "no 7:7 orbit was found"),
+        ({"data": {"velocity": [0.6, 0.5], "wall": "BT"}}, "row 2, velocity: 0.5 on T"),
         ({"data": "no/such/file.csv"}, "cannot be read"),
         ({"data": {"time": [1.0], "wall": ["B", "T"]}}, "unlike lengths"),
     ],
