@@ -42,6 +42,8 @@ SINGULAR = 1e-9
 """Ratio of singular values of the scaled Jacobian below which a combination is undetermined."""
 CLOCKS, KEPT = 64, 3
 """Offsets tried per forcing period, and those from which a fit begins."""
+ELSEWHERE, AROUND = 8, 0.3
+"""How often other starting values are drawn where there is no orbit, and how far, as a part."""
 REWEIGHTED = 20
 """Fits at most with the deviations that the residuals of the last one have, where none are given;
 the last one changes them by less than 1e-6."""
@@ -272,8 +274,9 @@ def fit(
     model : Model
         Its values are those the fit starts from, and those of all other parameters.
     words : str, Word or Orbit, or several
-        Orbits by name, each of which is searched for at the starting values; or an orbit, which
-        starts from its own values. The nearest is returned, with the `others`.
+        Orbits by name, each of which is searched for at the starting values, or, where there is
+        none, at others drawn around them; or an orbit, which starts from its own values. The
+        nearest is returned, with the `others`.
     data : path, mapping or Impacts
         See `contimpact.orbits.fitting.read_impacts`. Rows may be of many periods, in any order.
     parameters : sequence of str
@@ -318,13 +321,14 @@ def fit(
         if wall and wall not in model.letters:
             raise InputError(f"{place}, wall", repr(wall), f"give {', '.join(model.letters)}")
     _require_signs(model, data)
-    starts, notes = _starts(model, words, rng)
-    fits, kernels = [], {name: Kernels(model, name) for name in names}
+    starts, notes = _starts(model, words, names, rng)
+    fits = []
     for orbit in starts:
         lacking = {w for w in data.walls if w} - set(orbit.word.walls)
         if lacking:
             notes.append(f"{orbit.notation} has no impact on {', '.join(sorted(lacking))}")
             continue
+        kernels = {name: Kernels(orbit.model, name) for name in names}
         task = _Task(orbit.model, orbit.word, data, kernels, clock and "time" in measured)
         fits.append(_best(task, orbit, deviations))
     if not fits:
@@ -350,18 +354,44 @@ def _require_signs(model: Model, data: Impacts) -> None:
             raise InputError(f"{data.places[on[0]]}, velocity", found, accepted)
 
 
-def _starts(model: Model, words: Any, rng: Any) -> tuple[list[Orbit], list[str]]:
-    """The orbits to start from, and which words have none."""
+def _starts(
+    model: Model, words: Any, names: Sequence[str], rng: Any
+) -> tuple[list[Orbit], list[str]]:
+    """The orbits to start from, and which words have none at the starting values."""
     orbits: list[Orbit] = []
     notes: list[str] = []
     for word in [words] if isinstance(words, str | Word | Orbit) else list(words):
-        found = [word] if isinstance(word, Orbit) else find_orbits(model, word, rng=rng)
-        if not found:
-            notes.append(f"no {word} orbit was found at the starting values")
+        if isinstance(word, Orbit):
+            if list(word.model.values) != list(model.values) or word.model.letters != model.letters:
+                accepted = f"give one of {model.SYSTEM}, with the same parameters"
+                raise InputError("words", f"an orbit of {word.model.SYSTEM}", accepted)
+            found = [word]
+        elif not (found := find_orbits(model, word, rng=rng)):
+            found, text = _elsewhere(model, word, names, rng)
+            notes.append(f"no {word} orbit was found at the starting values{text}")
         orbits += [one for one in found if len(one.word)]
         if any(not len(one.word) for one in found):
             notes.append("an orbit without impacts has nothing to compare")
     return orbits, notes
+
+
+def _elsewhere(
+    model: Model, word: str | Word, names: Sequence[str], rng: Any
+) -> tuple[list[Orbit], str]:
+    """The orbits of a word at other values of the parameters to fit, drawn around the model's."""
+    generator = np.random.default_rng(rng)
+    for _ in range(ELSEWHERE):
+        values = {name: model.values[name] for name in names}
+        for name, part in zip(names, AROUND * generator.standard_normal(len(names)), strict=True):
+            values[name] += part * (abs(values[name]) or 1.0)
+        try:
+            found = find_orbits(model.replace(**values), word, rng=rng)
+        except InputError:  # beyond what a parameter admits
+            continue
+        if found:
+            at = ", ".join(f"{name} = {value:.4g}" for name, value in values.items())
+            return found, f"; begun at {at}"
+    return [], f" and {ELSEWHERE} others around them"
 
 
 def _rank(one: Fit) -> tuple[bool, float]:

@@ -117,6 +117,14 @@ def test_a_period_that_is_fitted():
     assert found.values == pytest.approx({"omega": 2.8, "r": 0.8, "clock": 0.7}, abs=1e-10)
 
 
+def test_where_no_orbit_is_at_the_start_others_are_drawn(two_one):
+    off = PAIR.replace(r=0.449, beta=0.304)
+    assert ci.find_orbits(off, "2:1") == []
+    found = ci.fit(off, "2:1", measured(two_one), ["r", "beta"])
+    assert found.values == pytest.approx({**TRUTH, "clock": 0.7}, abs=1e-10)
+    assert "no 2:1 orbit was found at the starting values; begun at r = " in found.notes[-1]
+
+
 def test_which_word_is_nearest(two_one):
     """Data of the stable orbit prefer it to the unstable one and to other words."""
     data = measured(two_one, noise=NOISE)
@@ -240,3 +248,13 @@ def test_other_mistakes(two_one, changes, said):
     with pytest.raises(ci.InputError) as error:
         ci.fit(PAIR, **given)
     assert said in str(error.value)
+
+
+def test_orbits_that_cannot_be_compared(two_one):
+    with pytest.raises(ci.InputError, match="an orbit of impact-pair; give one of oscillator"):
+        ci.fit(OSCILLATOR, two_one, {"time": [1.0]}, ["r"])
+    with pytest.raises(ci.InputError, match="an orbit without impacts has nothing to compare"):
+        ci.fit(OSCILLATOR.replace(sigma=5.0), "0", {"time": [1.0]}, ["r"])
+    free = ci.VanDerPol(epsilon=1.0, sigma=1.0, r=0.8)
+    with pytest.raises(ci.InputError, match="its period is free"):
+        ci.fit(free, "1", {"time": [1.0]}, ["r"])
