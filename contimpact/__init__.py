@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .diagrams.explore import follow as follow
     from .diagrams.isolines import follow_isoline as follow_isoline
     from .diagrams.isolines import sensitivity as sensitivity
+    from .diagrams.margins import find_margins as find_margins
     from .diagrams.orbit_branch import continue_born as continue_born
     from .diagrams.orbit_branch import continue_orbit as continue_orbit
     from .diagrams.ranges import attractor_ranges as attractor_ranges
@@ -137,6 +138,7 @@ _PLACES = {
     "find_crises": "diagrams.crises",
     "locate_crisis": "diagrams.crises",
     "follow_crisis": "diagrams.crises",
+    "find_margins": "diagrams.margins",
     "follow_isoline": "diagrams.isolines",
     "Curve": "results.curve",
     "read": "results.diagram_reading",

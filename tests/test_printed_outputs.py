@@ -72,9 +72,9 @@ def test_the_first_run_prints_what_is_shown(page, fig7):
 
 
 def test_python_prints_what_is_shown():
-    """The page's script up to what it prints of noise, and the message of a mistake."""
+    """The page's script up to what it prints of margins, and the message of a mistake."""
     script = blocks("docs/python.md", "python")
-    last = next(k for k, block in enumerate(script) if "fluctuations" in block)
+    last = next(k for k, block in enumerate(script) if "find_margins" in block)
     begun, mistake = script[: last + 1], script[-1]
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):

@@ -159,6 +159,14 @@ class OrbitTest(TestFunction[Linearisation]):
         return np.where(np.abs(values) < self.vanishing, np.nan, values)
 
 
+def places_of(test: OrbitTest, here: Linearisation) -> list[Details]:
+    """Return the details of the events that the existing values of a test are the tests of."""
+    point = Point(here, np.full(len(here.unknowns), np.nan), np.nan, 0.0, 0)
+    values = test.values(point)
+    found = np.nonzero(np.isfinite(values[: len(values) - test.guides]))[0]
+    return [test.details(point, place) for place in found.tolist()]
+
+
 EPSILON = float(np.finfo(float).eps)
 NEWTON_ITERATIONS = 12
 CONVERGED = 1e-10
@@ -261,7 +269,7 @@ def solve(system: ExtendedSystem, here: Linearisation, far: float = FAR) -> Solu
     It fails where it leaves the surroundings of its guess, be it for another event further away.
     """
     problem, orbit = system.problem, len(here.unknowns)
-    near = _surroundings(here, far)
+    near = surroundings(here, far)
     x, best = np.concatenate([here.unknowns, system.start(here)]), None
     try:
         at = system.assemble(here, x[orbit:])
@@ -285,7 +293,7 @@ def solve(system: ExtendedSystem, here: Linearisation, far: float = FAR) -> Solu
     return Solution(system, here, x[orbit:], at)
 
 
-def _surroundings(here: Linearisation, far: float) -> Callable[[Array], bool]:
+def surroundings(here: Linearisation, far: float = FAR) -> Callable[[Array], bool]:
     """Return whether unknowns are those of an orbit like one."""
     problem, begin = here.problem, here.unknowns
     sizes, span = problem.scale(begin, np.full(problem.free, np.inf)), problem.span(begin)

@@ -41,7 +41,15 @@ from ..orbits.quiet import problem_of
 from ..segments.flight import Touch
 from ..segments.segment import ELSEWHERE
 from .codimension_two import CurvePoint, touch_points
-from .extended_system import ExtendedSystem, OrbitEvent, OrbitPoint, Orbits, OrbitTest, located
+from .extended_system import (
+    ExtendedSystem,
+    OrbitEvent,
+    OrbitPoint,
+    Orbits,
+    OrbitTest,
+    located,
+    places_of,
+)
 from .grazing_scenario import scenario_of
 from .kind import (
     SUB,
@@ -223,6 +231,9 @@ class G(Kind):
         if begun is not None:
             return begun.equations()
         return SlidingTouch(problem, details["flight"], details["wall"], details["touch_time"])
+
+    def places(self, here: Linearisation) -> list[Details]:
+        return places_of(Grazing(here.problem), here)
 
     def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System | None:
         inside = onset_of(orbit.problem, details) is None

@@ -259,6 +259,10 @@ class Kind(ABC):
         """Return its exact equations at a place of the orbit, in one free parameter or two."""
         return None
 
+    def places(self, here: Linearisation) -> list[Details]:
+        """Return the details of the places at which it may happen on an orbit and those nearby."""
+        return [{}]
+
     def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System | None:
         """Return its equations in many digits; None for a kind that reports do not confirm."""
         return None

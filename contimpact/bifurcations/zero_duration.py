@@ -24,6 +24,7 @@ from .extended_system import (
     Orbits,
     ReachedTest,
     ScalarTest,
+    places_of,
 )
 from .kind import Change, Details, Kind, Look, ManyDigits, Start, System, Values, null_vector_start
 from .sliding import (
@@ -102,6 +103,9 @@ class T(Kind):
 
     def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem:
         return ReachedTest(problem, ZeroDuration(problem), details["flight"])
+
+    def places(self, here: Linearisation) -> list[Details]:
+        return places_of(ZeroDuration(here.problem), here)
 
     def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System:
         return orbit.vanishing(lambda x: orbit.duration(x, details["flight"]))

@@ -20,7 +20,15 @@ from ..orbits.multipliers import count_unstable
 from ..orbits.physicality import WRONG_WAY, Verdict
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from .codimension_two import CurvePoint, touch_points
-from .extended_system import ExtendedSystem, OrbitEvent, OrbitPoint, Orbits, ReachedTest, ScalarTest
+from .extended_system import (
+    ExtendedSystem,
+    OrbitEvent,
+    OrbitPoint,
+    Orbits,
+    ReachedTest,
+    ScalarTest,
+    places_of,
+)
 from .kind import Change, Details, Kind, Look, ManyDigits, Start, System, Values, null_vector_start
 from .sliding import (
     INSTANT,
@@ -158,6 +166,9 @@ class V(Kind):
     def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem:
         test = ZeroVelocity(problem)
         return ReachedTest(problem, test, test.index(details))
+
+    def places(self, here: Linearisation) -> list[Details]:
+        return places_of(ZeroVelocity(here.problem), here)
 
     def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System:
         impact = details["impact"]

@@ -145,6 +145,15 @@ def curve_problem(
     return curve, curve.packed(orbit, system.start(problem.evaluate(orbit)))
 
 
+def slope_of(curve: CurveProblem, at: Array) -> float:
+    """Return the derivative of the first parameter by the last one along a curve.
+
+    Raises numpy.linalg.LinAlgError where the curve turns in the last one.
+    """
+    jacobian = curve.evaluate(at).jacobian
+    return float(-np.linalg.solve(jacobian[:, :-1], jacobian[:, -1])[curve.orbit.n])
+
+
 def system_of(problem: OrbitProblem, entry: Entry) -> ExtendedSystem:
     """Return the exact equations of an entry's event."""
     system = kind_of(entry.kind).equations(problem, details_of(entry))

@@ -24,7 +24,14 @@ from ..results.curve import Curve
 from ..results.entry_conversion import to_orbit
 from ..results.options import CURVE_SETTINGS
 from ..segments.kernels import Kernels
-from .curve_problem import CurveProblem, curve_problem, difference_gradient, require_curve, sizes_of
+from .curve_problem import (
+    CurveProblem,
+    curve_problem,
+    difference_gradient,
+    require_curve,
+    sizes_of,
+    slope_of,
+)
 from .curves import Range, check_range, curve_from_walks, walk_both_ways
 
 Function = Callable[[Orbit], float]
@@ -195,10 +202,8 @@ def sensitivity(entry: Entry, parameter: str, model: Model | None = None) -> flo
     problem, start = curve_problem(
         at, entry, parameter, Kernels(at, entry.parameter, parameter), 1.0
     )
-    jacobian = problem.evaluate(start).jacobian
     try:
-        moved = -np.linalg.solve(jacobian[:, :-1], jacobian[:, -1])
+        return slope_of(problem, start)
     except np.linalg.LinAlgError:
         found = f"the curve of {entry.label} turns here"
         raise InputError("entry", found, "follow the curve with follow_curve") from None
-    return float(moved[problem.orbit.n])

@@ -1,0 +1,434 @@
+r"""How far a stable orbit is from the events that end it, in tolerances w of chosen parameters p.
+
+The equations E(x, p) = 0 of an event hold on a surface of the parameters. With psi the left null
+vector of E_x, its normal in y = (p - p_0)/w is g = psi E_y, of length one. The surface's point
+nearest to y = 0 is sought by sequential quadratic programming,
+
+.. math:: B\,\delta y + \mu g = -y, \qquad g \cdot \delta y = -\psi \cdot E, \qquad
+          E_x\,\delta x = -E - E_y\,\delta y,
+
+with B, the Hessian of the Lagrangian, by damped updates (Powell 1978). With B = 1 it is the
+iteration of Hasofer, Lind, Rackwitz and Fiessler in structural reliability.
+
+Searches begin at the orbit, and where it is lost on lines in the parameters; each event found is
+kept if the orbit, followed on the straight line to it, stays observable until there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..arrays import Array
+from ..bifurcations.declarations import usual_events
+from ..bifurcations.extended_system import CONVERGED, ExtendedSystem, Solution, surroundings
+from ..bifurcations.kind import Kind
+from ..bifurcations.registry import kind_of
+from ..continuation.branch import Details, Event, Point
+from ..display import limit_lines
+from ..errors import InputError, explain_arguments, short_repr
+from ..models.model import Model
+from ..orbits.orbit import Orbit
+from ..orbits.problem import Linearisation, OrbitProblem
+from ..orbits.quiet import problem_of
+from ..orbits.search import solve_near
+from ..results.branch import Entry
+from ..results.entry_conversion import to_orbit
+from ..segments.kernels import Kernels
+from .curve_problem import CurveProblem, slope_of
+
+ITERATIONS, APPROACH, APPROACHED = 80, 20, 1e-3
+"""Iterations at most, and those after which residuals are below this, if any event is near."""
+
+STATIONARY = 1e-9
+"""Part of the distance by which the nearest point may be off along the surface."""
+
+FARTHEST = 0.3
+"""How far a step of the search may move the orbit, in its natural sizes."""
+
+NEARBY = 0.1
+"""Part of the distance, to first order, within which events are those at which an orbit is lost."""
+
+STEPS = 16
+"""Steps of a line at least."""
+
+SMALLEST = 1e-7
+"""Part of a line below which a step is refused for good: the orbit is lost there."""
+
+OFF = 0.03
+"""How far an orbit on a line may be from where its tangent leads, in natural sizes."""
+
+JUMP = 0.25
+"""How much the size of a multiplier may change in a step of a line."""
+
+AGAIN = 1e-6
+"""Part of the distance within which two events are the same."""
+
+BEFORE, SAME = 1.0 - 1e-6, 0.05
+"""Part of the line to an event that is followed, and how near its end is to the event's orbit."""
+
+
+@dataclass(frozen=True, eq=False)
+class EventMargin:
+    """The point of an event's surface in parameters that is nearest to an orbit."""
+
+    label: str
+    """The event, as in catalogues."""
+    distance: float
+    """Its distance, in tolerances."""
+    direction: Mapping[str, float]
+    """From the orbit to it, in tolerances of each parameter, of length one."""
+    orbit: Orbit
+    """The orbit at the event."""
+    kind: str
+    details: Mapping[str, Any]
+    """Where on the orbit it happens: flight, wall, impact, time of a touch."""
+    tolerances: Mapping[str, float]
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """All parameters at the event."""
+        return self.orbit.parameters
+
+    def sensitivity(self, parameter: str) -> float:
+        """Return the exact derivative of the distance by any parameter of the orbit it is of.
+
+        Raises
+        ------
+        InputError
+            For a parameter the model does not have.
+        """
+        model = self.orbit.model
+        model.require(parameter, "parameter")
+        rates = {n: self.direction[n] / w for n, w in self.tolerances.items()}
+        if parameter in rates:
+            return -rates[parameter]
+        name = max(rates, key=lambda n: abs(self.direction[n]))
+        problem = problem_of(model, self.orbit.word, Kernels(model, name, parameter))
+        values = [model.values[name], model.values[parameter]]
+        here = problem.evaluate(np.append(self.orbit.unknowns[: problem.n], values))
+        kind = kind_of(self.kind)
+        system = _equations(kind, problem, self.details)
+        curve = CurveProblem(kind, system, self.details, [1.0])
+        return rates[name] * slope_of(curve, curve.packed(here.unknowns, system.start(here)))
+
+    def __repr__(self) -> str:
+        place = ", ".join(f"{n} = {self.orbit[n]:.9g}" for n in self.tolerances)
+        return f"{self.label} at distance {self.distance:.6g}: {place}"
+
+
+@dataclass(frozen=True, eq=False)
+class Margins:
+    """The events nearest to a stable orbit in parameters; see `contimpact.find_margins`."""
+
+    orbit: Orbit
+    tolerances: Mapping[str, float]
+    within: float
+    """How far was looked, in tolerances."""
+    events: tuple[EventMargin, ...]
+    """One of each kind and place on the orbit, the nearest first."""
+    notes: tuple[str, ...]
+    """Where the orbit is lost nearer than any event found; empty if all is explained."""
+
+    @property
+    def nearest(self) -> EventMargin | None:
+        """The nearest event; None if there is none."""
+        return self.events[0] if self.events else None
+
+    def __repr__(self) -> str:
+        units = ", ".join(f"{name} {value:g}" for name, value in self.tolerances.items())
+        none = [] if self.events else [f"  no event within {self.within:g}"]
+        rows = [f"  {event!r}" for event in self.events]
+        return limit_lines(f"Margins for {units}:", rows, [*none, *(f"  {n}" for n in self.notes)])
+
+
+@explain_arguments
+def find_margins(
+    orbit: Orbit | Entry,
+    tolerances: Mapping[str, float],
+    model: Model | None = None,
+    *,
+    within: float = 100.0,
+) -> Margins:
+    """Find how far parameters may change until a stable orbit ends, and at which event.
+
+    Parameters
+    ----------
+    orbit : Orbit, Entry or (Branch, row)
+        Stable and physical.
+    tolerances : mapping of str to float
+        Of each parameter that may change, the change that is one unit of distance.
+    model : Model, optional
+        The system of an entry or a branch, where its name does not tell.
+    within : float
+        The distance up to which events are looked for.
+
+    Returns
+    -------
+    Margins
+        The nearest points of the events on which the orbit ends: on the straight line to each, it
+        was followed and stays observable. They are minima that searches from the orbit, and from
+        where it ends on lines along each parameter, have found; that there is no nearer one is not
+        proven.
+
+    Raises
+    ------
+    InputError
+        For an orbit that is not physical and stable, a parameter the model does not have, or a
+        tolerance that is not positive.
+    """
+    given = to_orbit(orbit, model)
+    if not (given.physical and given.stable):
+        found = given.reason or f"its multipliers are {given.multipliers}"
+        raise InputError("orbit", found, "give a stable physical orbit")
+    if not tolerances or not all(0.0 < value < np.inf for value in tolerances.values()):
+        accepted = "give positive tolerances of parameters, such as {'r': 0.01}"
+        raise InputError("tolerances", short_repr(dict(tolerances)), accepted)
+    if not 0.0 < within < np.inf:
+        raise InputError("within", short_repr(within), "give a positive number")
+    return _Search(given, dict(tolerances), within).margins()
+
+
+class _Lost(NamedTuple):
+    """The last observable orbit on a line, and what is beyond."""
+
+    here: Linearisation
+    distance: float
+    why: str
+
+
+class _Found(NamedTuple):
+    kind: Kind
+    details: Details
+    y: Array
+    solution: Solution
+
+    @property
+    def distance(self) -> float:
+        return float(np.linalg.norm(self.y))
+
+    @property
+    def place(self) -> tuple[Any, ...]:
+        """What tells events apart."""
+        return self.kind.name, *(self.details.get(name) for name in ("flight", "wall", "impact"))
+
+
+class _Search:
+    """The search for the nearest events of one orbit."""
+
+    def __init__(self, orbit: Orbit, tolerances: dict[str, float], within: float) -> None:
+        model = orbit.model
+        for name in tolerances:
+            model.require(name, "tolerances")
+        self.orbit, self.tolerances, self.within = orbit, tolerances, within
+        self.units = np.array(list(tolerances.values()))
+        self.problem = problem_of(model, orbit.word, Kernels(model, *tolerances))
+        n, self.center = self.problem.n, np.array([model.values[name] for name in tolerances])
+        self.start = self.problem.evaluate(np.append(orbit.unknowns[:n], self.center))
+        self.kinds = [kind_of(name) for name in usual_events(model)]
+
+    def margins(self) -> Margins:
+        """Search from the orbit, from where it is lost along each parameter, and from where it is
+        lost on the way to what was found."""
+        lines = [sign * row for row in np.eye(len(self.units)) for sign in (1.0, -1.0)]
+        lost = [end for line in lines if (end := self.lost_on(self.within * line))]
+        found: list[_Found] = []
+        for here, near in (
+            (self.start, np.inf),
+            *((end.here, NEARBY * end.distance) for end in lost),
+        ):
+            found += self.around(here, near, found)
+        kept: dict[tuple[Any, ...], EventMargin] = {}
+        tried: list[_Found] = []
+        while left := [one for one in found if not any(one is other for other in tried)]:
+            one = min(left, key=lambda each: each.distance)
+            tried.append(one)
+            if one.place in kept and kept[one.place].distance <= one.distance:
+                continue
+            end = self.lost_on(BEFORE * one.y)
+            if end is None and self.reaches(one) and (event := self.event(one)) is not None:
+                kept[one.place] = event
+            elif end is not None:
+                lost.append(end)
+                found += self.around(end.here, NEARBY * end.distance, found)
+        events = sorted(kept.values(), key=lambda event: event.distance)
+        nearest = events[0].distance if events else np.inf
+        early = (end for end in lost if end.distance + 2.0 * SMALLEST * self.within < nearest)
+        return Margins(
+            self.orbit, self.tolerances, self.within, tuple(events), tuple(map(self.note, early))
+        )
+
+    def note(self, end: _Lost) -> str:
+        at = zip(self.tolerances, end.here.unknowns[self.problem.n :], strict=True)
+        place = ", ".join(f"{name} = {value:.9g}" for name, value in at)
+        return f"lost at distance {end.distance:.6g}, {place}, at no event found: {end.why}"
+
+    # Lines.
+
+    def lost_on(self, y: Array) -> _Lost | None:
+        """Follow the orbit to y; return where it is lost, None if it is observable all along."""
+        self.end, fraction = self.start, 0.0
+        step, far = 1.0 / STEPS, float(np.linalg.norm(y))
+        while fraction < 1.0:
+            step = min(step, 1.0 - fraction)
+            there, why = self.moved(self.end, self.center + (fraction + step) * self.units * y)
+            if there is None:
+                step *= 0.5
+                if step < SMALLEST:
+                    return _Lost(self.end, fraction * far, why)
+                continue
+            self.end, fraction = there, fraction + step
+            step = min(2.0 * step, 1.0 / STEPS)
+        return None
+
+    def moved(self, here: Linearisation, free: Array) -> tuple[Linearisation | None, str]:
+        """The observable orbit next to one, at other parameters, or why there is none."""
+        n, problem = self.problem.n, self.problem
+        jacobian, change = here.jacobian, free - here.unknowns[n:]
+        try:
+            along = -np.linalg.solve(jacobian[:, :n], jacobian[:, n:] @ change)
+            guess = np.append(here.unknowns[:n] + along, free)
+            problem.model_at(guess)
+        except np.linalg.LinAlgError:
+            return None, "the orbit turns back"
+        except InputError as error:
+            return None, f"the model ends ({error})"
+        there = solve_near(problem, guess)
+        if there is None or self.apart(there.unknowns, guess) > OFF:
+            return None, "no orbit is found beyond"
+        if not there.verdict.physical:
+            return None, f"the orbit is unphysical beyond ({there.verdict.reason})"
+        if there.n_unstable:
+            return None, "the orbit is unstable beyond"
+        jump = np.abs(np.abs(there.multipliers) - np.abs(here.multipliers))
+        if not np.max(jump, initial=0.0) < JUMP:
+            return None, "its multipliers grow without bound"
+        return there, ""
+
+    def apart(self, one: Array, other: Array) -> float:
+        """The distance of orbits in natural sizes, parameters left out."""
+        sizes = self.problem.scale(other, np.full(self.problem.free, np.inf))
+        return float(np.linalg.norm(self.problem.difference(one, other) / sizes))
+
+    def reaches(self, found: _Found) -> bool:
+        """Whether the line followed last ends at an event's orbit."""
+        return self.apart(self.end.unknowns, found.solution.unknowns) < SAME
+
+    # Events.
+
+    def around(self, here: Linearisation, near: float, known: Sequence[_Found]) -> Iterator[_Found]:
+        """The events nearest to the centre that are not known, as searches from an orbit find them,
+        those to first order so near to it."""
+        for kind, details in [(k, d) for k in self.kinds for d in k.places(here)]:
+            found = self.nearest(kind, details, here, near)
+            same = found and [one.y for one in known if one.place == found.place]
+            if found and all(
+                np.linalg.norm(found.y - y) > AGAIN * found.distance for y in same or ()
+            ):
+                yield found
+
+    def nearest(
+        self, kind: Kind, details: Details, here: Linearisation, near: float
+    ) -> _Found | None:
+        """The nearest event of a kind at a place of the orbit; None if the search fails."""
+        system = kind.equations(self.problem, details)
+        if system is None:
+            return None
+        try:
+            solution = _minimise(system, here, self.center, self.units, near)
+        except (ArithmeticError, ValueError, np.linalg.LinAlgError):
+            return None
+        if solution is None or kind.curve_end(solution.own) is not None:
+            return None
+        y = (solution.unknowns[self.problem.n :] - self.center) / self.units
+        found = _Found(kind, {**details, **system.details(solution.own)}, y, solution)
+        return found if 0.0 < found.distance <= self.within else None
+
+    def event(self, found: _Found) -> EventMargin | None:
+        """What was found as an event on a branch; None where its kind does not accept it."""
+        n, here, kind = self.problem.n, found.solution.here, found.kind
+        model, word = self.problem.model_at(here.unknowns), self.orbit.word
+        name = self.orbit.parameter
+        problem = problem_of(model, word, Kernels(model, name))
+        there = problem.evaluate(np.append(here.unknowns[:n], model.values[name]))
+        point = Point(there, np.zeros(n + 1), 0.0, 0.0, 0)
+        residual = found.solution.residual
+        event = Event(kind.name, point, residual, 0.0, "newton", found.details)
+        if not kind.test(problem, {}).accept(event):
+            return None
+        return EventMargin(
+            kind.label(False, word, kind.next_word(event), model.letters),
+            found.distance,
+            dict(zip(self.tolerances, (found.y / found.distance).tolist(), strict=True)),
+            Orbit(problem, there),
+            kind.name,
+            found.details,
+            self.tolerances,
+        )
+
+
+def _equations(kind: Kind, problem: OrbitProblem, details: Details) -> ExtendedSystem:
+    system = kind.equations(problem, details)
+    assert system is not None, "an event without equations has no margin"
+    return system
+
+
+def _minimise(
+    system: ExtendedSystem, here: Linearisation, center: Array, units: Array, near: float
+) -> Solution | None:
+    """Return the solution of a system nearest to parameters; None if the search does not settle."""
+    problem = system.problem
+    n, free = problem.n, problem.free
+    own, hessian, is_near = system.start(here), np.eye(free), surroundings(here)
+    sizes = problem.scale(here.unknowns, np.full(free, np.inf))
+    before: tuple[Array, Array] | None = None
+    mu = 0.0
+    for iteration in range(ITERATIONS):
+        at = system.assemble(here, own)
+        inner = np.delete(at.jacobian, range(n, n + free), axis=1)
+        outer = at.jacobian[:, n : n + free] * units
+        psi = np.linalg.svd(inner)[0][:, -1]
+        if before and psi @ outer @ before[1] < 0.0:
+            psi = -psi
+        slope = float(np.linalg.norm(psi @ outer))
+        if not slope > 0.0:  # no parameter moves it, as at a pitchfork of symmetric orbits
+            return None
+        normal, off = psi @ outer / slope, float(psi @ at.residual) / slope
+        y = (here.unknowns[n:] - center) / units
+        if (not before and abs(off) > near) or (
+            iteration > APPROACH and np.max(np.abs(at.residual)) > APPROACHED
+        ):
+            return None
+        if before:
+            step = y - before[0]
+            hessian = _updated(hessian, step, step + mu * (normal - before[1]))
+        astray = max(abs(off), float(np.linalg.norm(y - (normal @ y) * normal)))
+        if np.max(np.abs(at.residual)) < CONVERGED and astray <= STATIONARY * np.linalg.norm(y):
+            return Solution(system, here, own, at)
+        bordered = np.block([[hessian, normal[:, None]], [normal[None], np.zeros((1, 1))]])
+        *moved, mu = np.linalg.solve(bordered, -np.append(y, off))
+        along = np.linalg.lstsq(inner, -at.residual - outer @ np.array(moved), rcond=None)[0]
+        largest = float(np.linalg.norm(along[:n] / sizes[:n]))
+        part = min(1.0, FARTHEST / largest) if largest > 0.0 else 1.0
+        before = y, normal
+        unknowns = here.unknowns + part * np.append(along[:n], units * np.array(moved))
+        if not is_near(unknowns):
+            return None
+        here, own = problem.evaluate(unknowns), own + part * along[n:]
+    return None
+
+
+def _updated(hessian: Array, step: Array, bend: Array) -> Array:
+    """The damped update of Powell, which keeps the Hessian positive definite."""
+    product = hessian @ step
+    size, given = float(step @ product), float(step @ bend)
+    if not size > 0.0:
+        return hessian
+    if given < 0.2 * size:
+        part = 0.8 * size / (size - given)
+        bend = part * bend + (1.0 - part) * product
+        given = float(step @ bend)
+    return hessian - np.outer(product, product) / size + np.outer(bend, bend) / given

@@ -1,0 +1,187 @@
+"""Margins in parameters, against branches, curves, many digits, and orbits followed all around."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from zoo import TWO_MASSES
+
+import contimpact as ci
+from contimpact.accuracy.reference import Reference
+from contimpact.orbits.problem import OrbitProblem
+from contimpact.orbits.search import solve_near
+from contimpact.results.entry_conversion import details_of
+from contimpact.segments.kernels import Kernels
+
+TOLERANCES = {"r": 0.01, "s": 0.005, "A": 0.1}
+
+
+def stable(word, s, beta=math.pi / 6, r=0.3):
+    pair = ci.ImpactPair(beta=beta, r=r, A=5.0, s=s)
+    return next(o for o in ci.find_orbits(pair, word, parameter="s") if o.stable and o.physical)
+
+
+def followed(orbit, direction, distance, steps=40):
+    """Whether the orbit is observable all along a line, in even steps; None where it is lost."""
+    names = list(TOLERANCES)
+    problem = OrbitProblem(orbit.model, orbit.word, Kernels(orbit.model, *names))
+    begin, n = np.array([orbit[name] for name in names]), problem.n
+    z, before = np.append(orbit.unknowns[:n], begin), None
+    for step in np.linspace(0.0, distance, steps + 1)[1:]:
+        guess = z.copy() if before is None else 2.0 * z - before
+        guess[n:] = begin + step * direction * np.array(list(TOLERANCES.values()))
+        here = solve_near(problem, guess)
+        if here is None or np.max(np.abs(here.unknowns - guess)) > 0.1:
+            return None
+        if here.n_unstable or not here.verdict.physical:
+            return False
+        z, before = here.unknowns, z
+    return True
+
+
+CASES = [("1:1", 0.45, "PD"), ("2:1", 0.34, "FB"), ("2:1", 0.315, "G[2:1->3:1]")]
+
+
+@pytest.fixture(scope="module")
+def margins():
+    found = {}
+    for word, s, label in CASES:
+        found[label] = ci.find_margins(stable(word, s), TOLERANCES)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("label", "count"),
+    [
+        *((label, 15) for _, _, label in CASES),
+        *(pytest.param(label, 1000, marks=pytest.mark.slow) for _, _, label in CASES),
+    ],
+)
+def test_nothing_is_crossed_within_the_margin(margins, label, count):
+    found = margins[label]
+    assert found.nearest.label == label
+    assert found.notes == ()
+    around = np.random.default_rng(3).normal(size=(count, 3))
+    around /= np.linalg.norm(around, axis=1)[:, None]
+    nearest = np.array(list(found.nearest.direction.values()))
+    for direction in (nearest, *around):
+        assert followed(found.orbit, direction, 0.999 * found.nearest.distance)
+    assert not followed(found.orbit, nearest, 1.001 * found.nearest.distance)
+
+
+@pytest.mark.parametrize("label", [label for _, _, label in CASES])
+def test_distances_are_nearest_on_their_surfaces(margins, label):
+    """At each event: the multiplier or the gap, and the direction at right angles to its surface,
+    whose slopes the event's sensitivities are."""
+    for event in margins[label].events:
+        orbit, center = event.orbit, margins[label].orbit
+        moved = {n: (orbit[n] - center[n]) / w for n, w in TOLERANCES.items()}
+        assert math.hypot(*moved.values()) == pytest.approx(event.distance, rel=1e-12)
+        for name, part in event.direction.items():
+            assert moved[name] == pytest.approx(part * event.distance, abs=1e-9)
+        if event.kind == "G":
+            assert abs(orbit.smallest_gap) < 1e-12
+        else:
+            target = {"FB": 1.0, "PD": -1.0}[event.kind]
+            assert np.min(np.abs(orbit.multipliers - target)) < 1e-7
+        (entry,) = (
+            e
+            for e in ci.continue_orbit(orbit, "s", (orbit["s"] - 1e-3, orbit["s"] + 1e-3)).events
+            if e.kind == event.kind and abs(e.value - orbit["s"]) < 1e-8
+        )
+        scaled = {n: ci.sensitivity(entry, n) * w for n, w in TOLERANCES.items() if n != "s"}
+        normal = np.array([-scaled["r"], TOLERANCES["s"], -scaled["A"]])
+        normal /= np.linalg.norm(normal)
+        assert abs(normal @ list(event.direction.values())) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_of_one_parameter_it_is_the_branchs_event():
+    orbit = stable("1:1", 0.45)
+    branch = ci.continue_orbit(orbit, "s", range=(0.2, 1.05))
+    expected = sorted(abs(e.value - 0.45) / 0.005 for e in branch.events if not e.ghost)
+    found = ci.find_margins(orbit, {"s": 0.005}, within=200.0)
+    assert [event.distance for event in found.events] == pytest.approx(expected, rel=1e-10)
+    assert "PD at distance 13.37" in repr(found)
+    assert "no event within 2" in repr(ci.find_margins(orbit, {"s": 0.005}, within=2.0))
+
+
+@pytest.fixture(scope="module")
+def entries():
+    found = {}
+    for word, kinds in (("2:1", ["FB", "G"]), ("1:1", ["PD"])):
+        branch = ci.continue_orbit(
+            stable(word, 0.34 if kinds[0] == "FB" else 0.45), "s", range=(0.25, 0.5), events=kinds
+        )
+        found |= {event.kind: event for event in branch.events if not event.ghost}
+    return found
+
+
+@pytest.mark.parametrize("kind", ["FB", "PD", "G"])
+@pytest.mark.parametrize("parameter", ["r", "A"])
+def test_sensitivities_of_events_and_margins_in_thirty_digits(entries, kind, parameter):
+    entry, values = entries[kind], []
+    orbit = entry.orbit()
+    low, high = (orbit[parameter] + step for step in (-1e-9, 1e-9))
+    for value in (low, high):
+        model = orbit.model.replace(**{parameter: value})
+        problem = OrbitProblem(model, orbit.word, Kernels(model, "s"))
+        reference = Reference(problem, 30)
+        values.append(reference.event(kind, orbit.unknowns, details_of(entry)).parameter)
+    expected = float((values[1] - values[0]) / (reference.ctx.mpf(high) - reference.ctx.mpf(low)))
+    assert ci.sensitivity(entry, parameter) == pytest.approx(expected, rel=1e-10)
+    word, s = ("1:1", 0.45) if kind == "PD" else ("2:1", 0.315 if kind == "G" else 0.34)
+    found = ci.find_margins(stable(word, s), {"s": 0.001})
+    (event,) = (event for event in found.events if event.kind == kind)
+    side = math.copysign(1000.0, entry.value - s)
+    assert event.sensitivity(parameter) == pytest.approx(side * expected, rel=1e-10)
+
+
+@pytest.mark.parametrize("parameter", ["r", "s", "beta"])
+def test_sensitivities_of_margins_against_differences(parameter):
+    """Measured: 5e-9."""
+    given, distances = {"beta": math.pi / 6, "r": 0.3, "s": 0.34}, []
+    for step in (-1e-4, 1e-4):
+        orbit = stable("2:1", **{**given, parameter: given[parameter] + step})
+        distances.append(ci.find_margins(orbit, TOLERANCES, within=5.0).nearest.distance)
+    nearest = ci.find_margins(stable("2:1", **given), TOLERANCES, within=5.0).nearest
+    expected = (distances[1] - distances[0]) / 2e-4
+    assert nearest.sensitivity(parameter) == pytest.approx(expected, rel=1e-5)
+
+
+def test_of_symmetric_orbits_and_of_several_coordinates():
+    """A pitchfork is a BP; a model that ends ends no orbit, and is noted if it is nearer."""
+    symmetric = ci.find_margins(stable("1:1", 0.5, beta=0.0, r=0.5), {"s": 0.01, "A": 0.1})
+    assert symmetric.nearest.label == "BP"
+    multipliers = symmetric.nearest.orbit.multipliers
+    assert np.min(np.abs(multipliers - 1.0)) < 1e-7
+    model = ci.TwoMasses(**TWO_MASSES)
+    orbit = next(o for o in ci.find_orbits(model, "A", parameter="omega") if o.stable)
+    found = ci.find_margins(orbit, {"omega": 0.01, "r": 0.005}, within=45.0)
+    assert found.nearest.label == "PD"
+    assert found.notes == ()
+    (note,) = ci.find_margins(orbit, {"r": 0.005}, within=45.0).notes
+    assert note.startswith("lost at distance 40, r = 0.99999")
+    assert "at no event found: the model ends (r: the restitution is 1.0000" in note
+
+
+def test_refusals():
+    orbit = stable("1:1", 0.45)
+    other = next(
+        o
+        for o in ci.find_orbits(orbit.model, "1:1", parameter="s")
+        if not (o.stable and o.physical)
+    )
+    for wrong, given, said in [
+        (orbit, {}, "positive tolerances"),
+        (orbit, {"r": 0.0}, "positive tolerances"),
+        (orbit, {"q": 0.1}, "has no parameter 'q'"),
+        (other, {"r": 0.1}, "stable physical"),
+    ]:
+        with pytest.raises(ci.InputError, match=said):
+            ci.find_margins(wrong, given)
+    with pytest.raises(ci.InputError, match="within"):
+        ci.find_margins(orbit, {"r": 0.1}, within=0.0)
+    with pytest.raises(ci.InputError, match="has no parameter 'q'"):
+        ci.find_margins(orbit, {"s": 0.005}).nearest.sensitivity("q")
