@@ -10,13 +10,13 @@ nearest to y = 0 is sought by sequential quadratic programming,
 with B, the Hessian of the Lagrangian, by damped updates (Powell 1978). With B = 1 it is the
 iteration of Hasofer, Lind, Rackwitz and Fiessler in structural reliability.
 
-Searches begin at the orbit, and where it is lost on lines in the parameters; each event found is
-kept if the orbit, followed on the straight line to it, stays observable until there.
+Searches begin at the orbit, and at the ends of lines in the parameters on which it is followed
+until it is lost; each event found is kept if the orbit stays observable on the line to it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -49,8 +49,11 @@ STATIONARY = 1e-9
 FARTHEST = 0.3
 """How far a step of the search may move the orbit, in its natural sizes."""
 
-NEARBY = 0.1
-"""Part of the distance, to first order, within which events are those at which an orbit is lost."""
+LINES = 8
+"""Lines in random directions, for each parameter."""
+
+NEARBY = 0.3
+"""Part of a line's length, to first order, within which events are sought from its end."""
 
 STEPS = 16
 """Steps of a line at least."""
@@ -171,8 +174,8 @@ def find_margins(
     Margins
         The nearest points of the events on which the orbit ends: on the straight line to each, it
         was followed and stays observable. They are minima that searches from the orbit, and from
-        where it ends on lines along each parameter, have found; that there is no nearer one is not
-        proven.
+        the ends of lines along each parameter and in random directions, have found; that there is
+        no nearer one is not proven.
 
     Raises
     ------
@@ -200,7 +203,8 @@ class _Lost(NamedTuple):
     why: str
 
 
-class _Found(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class _Found:
     kind: Kind
     details: Details
     y: Array
@@ -229,37 +233,56 @@ class _Search:
         n, self.center = self.problem.n, np.array([model.values[name] for name in tolerances])
         self.start = self.problem.evaluate(np.append(orbit.unknowns[:n], self.center))
         self.kinds = [kind_of(name) for name in usual_events(model)]
+        self.found, self.tried, self.lost = list[_Found](), list[_Found](), list[_Lost]()
+        self.kept: dict[tuple[Any, ...], EventMargin] = {}
 
     def margins(self) -> Margins:
-        """Search from the orbit, from where it is lost along each parameter, and from where it is
-        lost on the way to what was found."""
-        lines = [sign * row for row in np.eye(len(self.units)) for sign in (1.0, -1.0)]
-        lost = [end for line in lines if (end := self.lost_on(self.within * line))]
-        found: list[_Found] = []
-        for here, near in (
-            (self.start, np.inf),
-            *((end.here, NEARBY * end.distance) for end in lost),
-        ):
-            found += self.around(here, near, found)
-        kept: dict[tuple[Any, ...], EventMargin] = {}
-        tried: list[_Found] = []
-        while left := [one for one in found if not any(one is other for other in tried)]:
-            one = min(left, key=lambda each: each.distance)
-            tried.append(one)
-            if one.place in kept and kept[one.place].distance <= one.distance:
-                continue
-            end = self.lost_on(BEFORE * one.y)
-            if end is None and self.reaches(one) and (event := self.event(one)) is not None:
-                kept[one.place] = event
-            elif end is not None:
-                lost.append(end)
-                found += self.around(end.here, NEARBY * end.distance, found)
-        events = sorted(kept.values(), key=lambda event: event.distance)
-        nearest = events[0].distance if events else np.inf
-        early = (end for end in lost if end.distance + 2.0 * SMALLEST * self.within < nearest)
+        """Search from the orbit, from where it is lost along each parameter, and from the ends of
+        lines in random directions, no longer than the nearest event is far."""
+        size = len(self.units)
+        self.found += self.around(self.start, np.inf)
+        for line in (sign * row for row in np.eye(size) for sign in (1.0, -1.0)):
+            self.look(self.within * line)
+        self.keep()
+        for line in np.random.default_rng(0).normal(size=(LINES * size if size > 1 else 0, size)):
+            self.look(BEFORE * self.nearest / np.linalg.norm(line) * line)
+            self.keep()
+        events = sorted(self.kept.values(), key=lambda event: event.distance)
+        notes: dict[str, str] = {}
+        for end in sorted(self.lost, key=lambda end: end.distance):
+            if end.distance + 2.0 * SMALLEST * self.within < self.nearest:
+                notes.setdefault(end.why.split(" (")[0], self.note(end))
         return Margins(
-            self.orbit, self.tolerances, self.within, tuple(events), tuple(map(self.note, early))
+            self.orbit, self.tolerances, self.within, tuple(events), tuple(notes.values())
         )
+
+    @property
+    def nearest(self) -> float:
+        """The distance of the nearest event kept, or that up to which is looked."""
+        return min((event.distance for event in self.kept.values()), default=self.within)
+
+    def look(self, y: Array) -> _Lost | None:
+        """Search from the end of a line, or from where the orbit is lost on it."""
+        end = self.lost_on(y)
+        if end is not None:
+            self.lost.append(end)
+        distance = float(np.linalg.norm(y)) if end is None else end.distance
+        self.found += self.around(self.end, NEARBY * distance)
+        return end
+
+    def keep(self) -> None:
+        """Keep the nearest events found at each place that the orbit, followed to them, reaches."""
+        while self.found:
+            one = min(self.found, key=lambda each: each.distance)
+            self.found.remove(one)
+            self.tried.append(one)
+            if one.place in self.kept and self.kept[one.place].distance <= one.distance:
+                continue
+            if (end := self.lost_on(BEFORE * one.y)) is not None:
+                self.lost.append(end)
+                self.found += self.around(self.end, NEARBY * end.distance)
+            elif self.reaches(one) and (event := self.event(one)) is not None:
+                self.kept[one.place] = event
 
     def note(self, end: _Lost) -> str:
         at = zip(self.tolerances, end.here.unknowns[self.problem.n :], strict=True)
@@ -319,18 +342,19 @@ class _Search:
 
     # Events.
 
-    def around(self, here: Linearisation, near: float, known: Sequence[_Found]) -> Iterator[_Found]:
+    def around(self, here: Linearisation, near: float) -> Iterator[_Found]:
         """The events nearest to the centre that are not known, as searches from an orbit find them,
         those to first order so near to it."""
         for kind, details in [(k, d) for k in self.kinds for d in k.places(here)]:
-            found = self.nearest(kind, details, here, near)
-            same = found and [one.y for one in known if one.place == found.place]
-            if found and all(
-                np.linalg.norm(found.y - y) > AGAIN * found.distance for y in same or ()
+            found = self.sought(kind, details, here, near)
+            if found is not None and not any(
+                np.linalg.norm(found.y - other.y) <= AGAIN * found.distance
+                for other in (*self.found, *self.tried)
+                if other.place == found.place
             ):
                 yield found
 
-    def nearest(
+    def sought(
         self, kind: Kind, details: Details, here: Linearisation, near: float
     ) -> _Found | None:
         """The nearest event of a kind at a place of the orbit; None if the search fails."""
@@ -385,7 +409,7 @@ def _minimise(
     own, hessian, is_near = system.start(here), np.eye(free), surroundings(here)
     sizes = problem.scale(here.unknowns, np.full(free, np.inf))
     before: tuple[Array, Array] | None = None
-    mu = 0.0
+    mu, settled = 0.0, False
     for iteration in range(ITERATIONS):
         at = system.assemble(here, own)
         inner = np.delete(at.jacobian, range(n, n + free), axis=1)
@@ -407,7 +431,9 @@ def _minimise(
             hessian = _updated(hessian, step, step + mu * (normal - before[1]))
         astray = max(abs(off), float(np.linalg.norm(y - (normal @ y) * normal)))
         if np.max(np.abs(at.residual)) < CONVERGED and astray <= STATIONARY * np.linalg.norm(y):
-            return Solution(system, here, own, at)
+            if settled:
+                return Solution(system, here, own, at)
+            settled = True  # one step more: directions are only as good as they are stationary
         bordered = np.block([[hessian, normal[:, None]], [normal[None], np.zeros((1, 1))]])
         *moved, mu = np.linalg.solve(bordered, -np.append(y, off))
         along = np.linalg.lstsq(inner, -at.residual - outer @ np.array(moved), rcond=None)[0]
