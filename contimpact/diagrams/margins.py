@@ -55,6 +55,9 @@ LINES = 8
 NEARBY = 0.3
 """Part of a line's length, to first order, within which events are sought from its end."""
 
+ASIDE = 0.5
+"""How far from an event's value a multiplier is at most where the event is sought."""
+
 STEPS = 16
 """Steps of a line at least."""
 
@@ -345,7 +348,8 @@ class _Search:
     def around(self, here: Linearisation, near: float) -> Iterator[_Found]:
         """The events nearest to the centre that are not known, as searches from an orbit find them,
         those to first order so near to it."""
-        for kind, details in [(k, d) for k in self.kinds for d in k.places(here)]:
+        kinds = [kind for kind in self.kinds if _is_near(kind, here)]
+        for kind, details in [(k, d) for k in kinds for d in k.places(here)]:
             found = self.sought(kind, details, here, near)
             if found is not None and not any(
                 np.linalg.norm(found.y - other.y) <= AGAIN * found.distance
@@ -392,6 +396,12 @@ class _Search:
             found.details,
             self.tolerances,
         )
+
+
+def _is_near(kind: Kind, here: Linearisation) -> bool:
+    """Whether an orbit has a multiplier near that of a kind, if it has one."""
+    away = np.abs(here.multipliers - (kind.multiplier or 0.0))
+    return kind.multiplier is None or bool(np.any(away < ASIDE))
 
 
 def _equations(kind: Kind, problem: OrbitProblem, details: Details) -> ExtendedSystem:
