@@ -43,6 +43,9 @@ from .curve_problem import CurveProblem, slope_of
 ITERATIONS, APPROACH, APPROACHED = 80, 20, 1e-3
 """Iterations at most, and those after which residuals are below this, if any event is near."""
 
+LOOSE, HALVINGS = 0.05, 10
+"""Residuals that a step may lead to from smaller ones, and how often it is halved for that."""
+
 STATIONARY = 1e-9
 """Part of the distance by which the nearest point may be off along the surface."""
 
@@ -420,8 +423,8 @@ def _minimise(
     sizes = problem.scale(here.unknowns, np.full(free, np.inf))
     before: tuple[Array, Array] | None = None
     mu, settled = 0.0, False
+    at = system.assemble(here, own)
     for iteration in range(ITERATIONS):
-        at = system.assemble(here, own)
         inner = np.delete(at.jacobian, range(n, n + free), axis=1)
         outer = at.jacobian[:, n : n + free] * units
         psi = np.linalg.svd(inner)[0][:, -1]
@@ -449,11 +452,19 @@ def _minimise(
         along = np.linalg.lstsq(inner, -at.residual - outer @ np.array(moved), rcond=None)[0]
         largest = float(np.linalg.norm(along[:n] / sizes[:n]))
         part = min(1.0, FARTHEST / largest) if largest > 0.0 else 1.0
-        before = y, normal
-        unknowns = here.unknowns + part * np.append(along[:n], units * np.array(moved))
-        if not is_near(unknowns):
+        before, allowed = (y, normal), max(LOOSE, float(np.max(np.abs(at.residual))))
+        for _ in range(HALVINGS):
+            unknowns = here.unknowns + part * np.append(along[:n], units * np.array(moved))
+            if not is_near(unknowns):
+                return None
+            there = problem.evaluate(unknowns)
+            at = system.assemble(there, own + part * along[n:])
+            if np.max(np.abs(at.residual)) <= allowed:
+                break
+            part *= 0.5
+        else:
             return None
-        here, own = problem.evaluate(unknowns), own + part * along[n:]
+        here, own = there, own + part * along[n:]
     return None
 
 
