@@ -140,7 +140,8 @@ class Margins:
     events: tuple[EventMargin, ...]
     """One of each kind and place on the orbit, the nearest first."""
     notes: tuple[str, ...]
-    """Where the orbit is lost nearer than any event found; empty if all is explained."""
+    """Where the orbit is lost nearer than at any event found, as where the model ends, or at a
+    pitchfork that one of the parameters unfolds; empty if there is no such place."""
 
     @property
     def nearest(self) -> EventMargin | None:

@@ -185,3 +185,12 @@ def test_refusals():
         ci.find_margins(orbit, {"r": 0.1}, within=0.0)
     with pytest.raises(ci.InputError, match="has no parameter 'q'"):
         ci.find_margins(orbit, {"s": 0.005}).nearest.sensitivity("q")
+
+
+def test_where_a_surface_is_strongly_bent():
+    """Followed on a line alone, this orbit doubles its period at distance 9.12642."""
+    pair = ci.ImpactPair(beta=0.906520231911, r=0.841152690237, A=5.0, s=0.296314738867)
+    orbit = next(o for o in ci.find_orbits(pair, "2:1", parameter="s") if o.stable and o.physical)
+    nearest = ci.find_margins(orbit, TOLERANCES).nearest
+    assert nearest.label == "PD"
+    assert nearest.distance < 9.12642
