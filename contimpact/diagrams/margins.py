@@ -76,7 +76,7 @@ JUMP = 0.25
 AGAIN = 1e-6
 """Part of the distance within which two events are the same."""
 
-BEFORE, SAME = 1.0 - 1e-6, 0.05
+BEFORE, SAME = 1.0 - 1e-6, 0.003
 """Part of the line to an event that is followed, and how near its end is to the event's orbit."""
 
 

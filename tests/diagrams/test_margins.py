@@ -194,3 +194,10 @@ def test_where_a_surface_is_strongly_bent():
     nearest = ci.find_margins(orbit, TOLERANCES).nearest
     assert nearest.label == "PD"
     assert nearest.distance < 9.12642
+
+
+def test_events_of_another_orbit_nearby_do_not_count():
+    """Beyond its fold, the unstable orbit loses an impact nearer to the stable one than that."""
+    pair = ci.ImpactPair(beta=0.26096942801, r=0.125515386551, A=5.0, s=0.364351616005)
+    orbit = next(o for o in ci.find_orbits(pair, "2:1", parameter="s") if o.stable and o.physical)
+    assert ci.find_margins(orbit, TOLERANCES | {"beta": 0.02}).nearest.label == "FB"
