@@ -15,6 +15,7 @@ from ..models.model import Model
 from ..models.word import Word, name_orbit
 from ..segments.kernels import Kernels
 from .noise import Fluctuations, fluctuations_of
+from .outputs import Mean, mean_output
 from .problem import Linearisation, OrbitProblem, Path, motion_of, path_of
 from .quiet import problem_of
 
@@ -178,6 +179,23 @@ class Orbit(ParameterItems, NotebookResult):
             without impacts begins at t = 0.
         """
         return motion_of(self.linearisation, points)
+
+    def mean(self, expression: str, at_impacts: bool = False) -> Mean:
+        """Return the mean of an expression over the period, and an estimate of its error.
+
+        Parameters
+        ----------
+        expression : str
+            In the names that ``[output]`` of a scene admits.
+        at_impacts : bool
+            Whether to take the mean of the values before impacts instead of that over time.
+
+        Raises
+        ------
+        InputError
+            For anything else in the expression.
+        """
+        return mean_output(self.linearisation, self.model, expression, at_impacts)
 
     def sensitivity(self, parameter: str) -> Sensitivity:
         """Return the derivatives of impact times and velocities with respect to a parameter.

@@ -97,13 +97,14 @@ def positions(here: Linearisation) -> dict[str, float]:
     return {name: float(x) for name, x in places}
 
 
-def motion_of(here: Linearisation, points: int = 200) -> Path:
+def motion_of(here: Linearisation, points: int | Array = 200) -> Path:
     """Return the motion of all coordinates along an orbit's period; `x` and `v` have a column for
-    each. Without impacts it begins at t = 0."""
+    each. Without impacts it begins at t = 0. Points are a number of them on each flight, or where
+    on it they are, from 0 to 1."""
     problem = here.problem
     rows = problem.impacts(here.unknowns).tolist()
     if not rows:
-        dt = np.linspace(0.0, here.span, points)
+        dt = _places(here.span, points)
         state, wall = here.unknowns[: problem.m].tolist(), problem.model.WALLS[0].name
         if (states := _integrated(here, 0, dt)) is not None:
             return Path(dt, *states)
@@ -111,7 +112,7 @@ def motion_of(here: Linearisation, points: int = 200) -> Path:
     walls = problem.word.walls
     parts = []
     for k, (wall, row) in enumerate(zip(walls, rows, strict=True)):
-        dt = np.linspace(0.0, np.subtract(*problem.times_around(here.unknowns, k)[::-1]), points)
+        dt = _places(np.subtract(*problem.times_around(here.unknowns, k)[::-1]), points)
         if (states := _integrated(here, k, dt)) is not None:
             x, v = states
         elif problem.kernels.linear(wall):
@@ -120,6 +121,11 @@ def motion_of(here: Linearisation, points: int = 200) -> Path:
             x, v = _motion_by_segment(here, wall, walls[(k + 1) % len(walls)], row, row[0], dt)
         parts.append((row[0] + dt, x, v))
     return Path(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def _places(duration: float, points: int | Array) -> Array:
+    """Times on a flight, at equal distances or at given parts of it."""
+    return np.linspace(0.0, duration, points) if isinstance(points, int) else duration * points
 
 
 def _integrated(here: Linearisation, flight: int, dt: Array) -> tuple[Array, Array] | None:

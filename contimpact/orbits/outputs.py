@@ -1,0 +1,160 @@
+r"""Outputs of orbits: expressions in the state, time and parameters, and their means.
+
+The mean of f over the period T of an orbit with flights from :math:`t_k` to :math:`t_{k+1}` is
+
+.. math:: \bar f = \frac1T \sum_k \int_{t_k}^{t_{k+1}} f(t, x, v)\,dt.
+
+Flights are analytic, so that Gauss-Legendre quadrature on them converges geometrically.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..arrays import Array
+from ..errors import InputError, short_repr
+from ..models.expressions import CONSTANTS, FUNCTIONS, check_expression, values_of
+from ..models.model import Model
+from .problem import Linearisation, motion_of
+
+NODES = 20
+"""Nodes of the quadrature on each part of a flight."""
+MOST_PARTS = 64
+"""Parts into which a flight is divided at most; their number is doubled from 1."""
+ROUNDING = 8 * float(np.finfo(float).eps)
+"""Relative difference of two quadratures that is rounding."""
+TIME = "t"
+
+
+@dataclass(frozen=True)
+class Output:
+    """A named expression in the state of a system.
+
+    Attributes
+    ----------
+    name, expression : str
+    at_impacts : bool
+        Whether its mean is that of its values before impacts, instead of that over time.
+    """
+
+    name: str
+    expression: str
+    at_impacts: bool = False
+
+
+class Mean(NamedTuple):
+    """The mean of an output, and an estimate of its error."""
+
+    value: float
+    """Not a number where impacts are out of order, or there are none to take the mean over."""
+    error: float
+
+
+def variables_of(model: Model) -> list[str]:
+    """Return the names that outputs may use: the state's in every mode, ``t``, all parameters."""
+    modes = [_state_names(model, mode.name) for mode in model.MODES] or [_state_names(model, "")]
+    state = [name for name in modes[0] if name and all(name in names for names in modes)]
+    return [*state, TIME, *model.parameters]
+
+
+def check_output(output: Output, model: Model, where: str) -> None:
+    """Raise InputError if an output is no expression in the names of the model."""
+    known = variables_of(model)
+    if not output.name.isidentifier() or output.name in {*known, *FUNCTIONS, *CONSTANTS}:
+        found = f"an output cannot be called {short_repr(output.name)}"
+        accepted = f"give a name of letters and digits other than {', '.join(known)}"
+        raise InputError(where, found, accepted)
+    check_expression(output.expression, where, known)
+
+
+def means_of(here: Linearisation, outputs: Sequence[Output], model: Model) -> list[Mean]:
+    """Return the means of outputs along an orbit at the model's parameter values.
+
+    The error of a mean over time is the difference between two quadratures, of which the last one
+    is on twice as many parts of each flight, and at least its rounding.
+    """
+    problem = here.problem
+    if problem.word.walls:
+        flights = range(len(problem.word.walls))
+        ends = [problem.times_around(here.unknowns, k) for k in flights]
+        lengths = np.array([float(end - begin) for begin, end in ends])
+    else:
+        lengths = np.array([here.span])
+    if (lengths < 0.0).any():
+        return [Mean(np.nan, np.nan)] * len(outputs)
+    before = np.full((2, len(outputs)), np.nan)
+    parts = 1
+    while True:
+        places, weights = _quadrature(parts)
+        values = _values(here, outputs, model, places)
+        over_time = np.einsum("ofi,i,f->o", values, weights, lengths) / here.span
+        sizes = np.einsum("ofi,i,f->o", abs(values), weights, lengths) / here.span
+        errors = np.maximum(abs(over_time - before[0]), ROUNDING / 8 * sizes)
+        if parts == MOST_PARTS or (parts > 1 and (errors <= ROUNDING * sizes).all()):
+            break
+        before, parts = np.array([over_time, errors]), 2 * parts
+    found = []
+    for k, output in enumerate(outputs):
+        arriving = values[k, :, -1] if problem.word.walls else np.zeros(0)
+        if not output.at_impacts:
+            found.append(Mean(float(over_time[k]), float(errors[k])))
+        elif len(arriving):
+            rounding = ROUNDING * float(np.mean(abs(arriving)))
+            found.append(Mean(float(np.mean(arriving)), rounding))
+        else:
+            found.append(Mean(np.nan, np.nan))
+    return found
+
+
+def mean_output(here: Linearisation, model: Model, expression: str, at_impacts: bool) -> Mean:
+    """Return the mean of an expression along an orbit; see `Orbit.mean`."""
+    output = Output("output", expression, at_impacts)
+    check_output(output, model, "expression")
+    return means_of(here, [output], model)[0]
+
+
+def _state_names(model: Model, mode: str) -> list[str]:
+    """Names of a mode's positions and then velocities: its own where these are names, else ``x``
+    and ``v``, numbered where there are several; none of rates that are no part of the state."""
+    pairs = model.state_names(mode)
+    first = next((m.first_order for m in model.MODES if m.name == mode), ())
+    numbers = [str(i + 1) if len(pairs) > 1 else "" for i in range(len(pairs))]
+    positions = [
+        x if x.isidentifier() else f"x{i}" for (x, _), i in zip(pairs, numbers, strict=True)
+    ]
+    speeds = [v if v.isidentifier() else f"v{i}" for (_, v), i in zip(pairs, numbers, strict=True)]
+    speeds = ["" if i in first else v for i, v in enumerate(speeds)]
+    taken = {*positions, *model.parameters, TIME}
+    return [*positions, *("" if v in taken else v for v in speeds)]
+
+
+def _values(here: Linearisation, outputs: Sequence[Output], model: Model, places: Array) -> Array:
+    """Values of outputs at places on all flights, shape (outputs, flights, places)."""
+    path, walls = motion_of(here, places), here.problem.word.walls
+    count = max(len(walls), 1)
+    t, x, v = (np.reshape(part, (count, len(places), -1)) for part in path)
+    found = np.empty((len(outputs), count, len(places)))
+    for k in range(count):
+        mode = model.guard(walls[k]).next_mode if walls else model.first_mode
+        names = _state_names(model, mode)
+        columns = [*x[k].T[: len(names) // 2], *v[k].T[: len(names) // 2]]
+        known = dict(zip(names, columns, strict=True)) | {TIME: t[k, :, 0], **model.parameters}
+        known.pop("", None)
+        for row, output in enumerate(outputs):
+            with np.errstate(all="ignore"):  # what is not finite is a mean that is no number
+                found[row, k] = values_of(output.expression, output.name, known)
+    return found
+
+
+@functools.cache
+def _quadrature(parts: int) -> tuple[Array, Array]:
+    """Places and weights on (0, 1), divided into equal parts; both ends have no weight."""
+    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+    places = (np.arange(parts)[:, None] + (nodes + 1.0) / 2.0) / parts
+    inner = np.tile(weights / (2.0 * parts), parts)
+    return np.r_[0.0, places.ravel(), 1.0], np.r_[0.0, inner, 0.0]
