@@ -8,6 +8,8 @@ import pytest
 import contimpact as ci
 from contimpact.errors import InputError
 from contimpact.results.options import Table
+from contimpact.results.quantities import series_of
+from contimpact.results.scene import read_scene
 from contimpact.results.scene_tables import read_model
 
 
@@ -67,3 +69,53 @@ def test_balance_two_masses():
         work = orbit.mean("F*cos(w*t)*v2").value
         damping = orbit.mean("c*(v2 - v1)**2").value
         assert work == pytest.approx(damping + ci.losses(orbit).per_time, rel=1e-12)
+
+
+def scene(**outputs):
+    """A short branch of the oscillator with outputs."""
+    return {
+        "name": "outputs",
+        "model": {
+            "system": "oscillator",
+            "parameters": {"a": 1, "omega": 2.6, "c": 0.1, "k": 1, "sigma": 0, "r": 0.8},
+        },
+        "follow": {"parameter": "omega", "range": [2.5, 2.7], "orbits": ["1"]},
+        "detect": {"events": []},
+        "output": outputs,
+        "plot": {"y": next(iter(outputs)), "formats": ["png"]},
+    }
+
+
+def test_columns_of_branches(tmp_path):
+    given = scene(P="c*v**2", work="a*cos(omega*t)*v", hit={"before_impacts": "v**2"})
+    diagram = ci.follow(given)
+    branch = diagram.branches[0]
+    row = len(branch) // 2
+    orbit = branch.orbit(row)
+    assert branch["P"][row] == orbit.mean("c*v**2").value
+    assert branch["P_error"].max() < 1e-14
+    arriving = 2 * abs(branch["v1"]) * branch["residual"] + 1e-15  # as far as rows solve
+    assert (abs(branch["hit"] - branch["v1"] ** 2) <= arriving).all()
+    assert read_scene(given).resolved()["output"] == given["output"]
+    ci.write_diagram(diagram, tmp_path)
+    again = ci.load_diagram(tmp_path).branches[0]
+    np.testing.assert_array_equal(again["work"], branch["work"])
+    assert again.parameters == branch.parameters
+    (series,) = series_of(branch, "P")
+    np.testing.assert_array_equal(series.values, branch["P"])
+
+
+@pytest.mark.parametrize(
+    ("outputs", "where"),
+    [
+        ({"P": "c*w"}, r"output\.P"),
+        ({"P": 3}, r"output\.P"),
+        ({"P": {"impact": "v"}}, r"output\.P"),
+        ({"v1": "v"}, r"output\.v1"),
+        ({"omega": "v"}, r"output\.omega"),
+        ({"a b": "v"}, r"output\.a b"),
+    ],
+)
+def test_wrong_outputs(outputs, where):
+    with pytest.raises(InputError, match=where):
+        read_scene(scene(**outputs))

@@ -39,6 +39,7 @@ from ..progress import (
 )
 from ..results.branch import Branch, Entry
 from ..results.diagram import Diagram, Limits
+from ..results.outputs import add_outputs
 from ..results.scene import Scene, load_scene, read_scene
 from ..segments.kernels import Kernels
 from .orbit_branch import Run, add_stop_test, first_step, run_born, symmetric_end, walk_both_ways
@@ -176,9 +177,24 @@ def follow(scene: Scene | str | Path | Mapping[str, Any], progress: Asked = None
         if not diagram.branches and not diagram.statistics["failure"]:
             explorer.look_elsewhere()
             raise refusal(list(explorer.lacking.values()), explorer.settled)
+        if scene.outputs:
+            diagram = _with_outputs(scene, diagram, tell)
     if diagram.statistics["failure"] == INTERRUPTED:
         return replace(diagram, statistics={**diagram.statistics, "stopped": tell.last})
     return diagram
+
+
+def _with_outputs(scene: Scene, diagram: Diagram, tell: Progress) -> Diagram:
+    """The diagram with the means of the scene's outputs as columns; an interruption leaves them
+    out."""
+    found = []
+    try:
+        for branch in diagram.branches:
+            tell(f"means of outputs along {branch.id}")
+            found.append(add_outputs(branch, scene.outputs, scene.model))
+    except KeyboardInterrupt:
+        return replace(diagram, statistics={**diagram.statistics, "failure": INTERRUPTED})
+    return replace(diagram, branches=found)
 
 
 @dataclass

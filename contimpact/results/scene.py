@@ -25,9 +25,11 @@ from ..errors import InputError, each_once, explain_arguments, short_repr
 from ..models.guards import graph
 from ..models.model import Model
 from ..models.word import Word, parse_word
+from ..orbits.outputs import Output
 from ..storage.files import check_length, read_bounded, reason
 from ..systems import SYSTEMS
 from .options import FORMATS, SCENE_SETTINGS, CertifyOptions, CurveOptions, PlotOptions, Table
+from .outputs import read_outputs
 from .scene_tables import (
     read_certify,
     read_curves,
@@ -304,6 +306,8 @@ class Scene(ParameterItems):
     """Data from which output voltages are computed, if they are."""
     certify: CertifyOptions | None = None
     """Options of ``contimpact certify``, where the scene has some."""
+    outputs: tuple[Output, ...] = ()
+    """Expressions of which branches have the means."""
     given: Mapping[str, Any] = field(default_factory=dict)
     """The scene as it was written."""
 
@@ -351,11 +355,18 @@ class Scene(ParameterItems):
             **({"simulate": self.simulate.resolved()} if self.simulate else {}),
             **({"energy": asdict(self.energy)} if self.energy else {}),
             **({"certify": self._resolved_certify()} if self.certify else {}),
+            **({"output": self._resolved_outputs()} if self.outputs else {}),
             "plot": {
                 name: list(value) if isinstance(value, tuple) else value
                 for name, value in asdict(self.plot).items()
                 if value is not None and value is not False
             },
+        }
+
+    def _resolved_outputs(self) -> dict[str, Any]:
+        return {
+            one.name: {"before_impacts": one.expression} if one.at_impacts else one.expression
+            for one in self.outputs
         }
 
     def _resolved_certify(self) -> dict[str, Any]:
@@ -528,7 +539,8 @@ def read_scene(given: Mapping[str, Any], systems: Mapping[str, type[Model]] | No
     reach = read_reach(follow, model, events)
     follow.finish()
     settings, search = read_numerics(top.table("numerics", optional=True))
-    plot = read_plot(top.table("plot", optional=True), model, parameter)
+    outputs = read_outputs(top.table("output", optional=True), model)
+    plot = read_plot(top.table("plot", optional=True), model, parameter, [o.name for o in outputs])
     curves = None
     if top.has("curves"):
         steps = max(1, reach["depth"]) if reach["switch"] else 1
@@ -543,5 +555,5 @@ def read_scene(given: Mapping[str, Any], systems: Mapping[str, type[Model]] | No
         simulate = replace(simulate, crises=simulate.crises or crises)
     asked: dict[str, Any] = {"events": events, "values": values, "settings": settings, "plot": plot}
     asked |= {"curves": curves, "simulate": simulate, "energy": energy, "certify": certify}
-    asked |= {"crises": crises, **search, **reach}
+    asked |= {"crises": crises, "outputs": outputs, **search, **reach}
     return Scene(name, source, model, parameter, (low, high), orbits, given=given, **asked)

@@ -356,8 +356,10 @@ def read_numerics(table: Table) -> tuple[Settings, dict[str, Any]]:
         raise error.within("numerics") from None
 
 
-def read_plot(table: Table, model: Model, parameter: str) -> PlotOptions:
-    """Return what [plot] asks for."""
+def read_plot(
+    table: Table, model: Model, parameter: str, outputs: Sequence[str] = ()
+) -> PlotOptions:
+    """Return what [plot] asks for; `outputs` are the names in [output]."""
     x = table.text("x", parameter)
     if x not in model.varying(parameter):
         accepted = f"accepted are {', '.join(model.varying(parameter))}"
@@ -367,7 +369,7 @@ def read_plot(table: Table, model: Model, parameter: str) -> PlotOptions:
     for key, known, default in (
         ("unphysical", SHOWN, "period-1" if model.few_guards else "none"),
         ("labels", LABELS, "all"),
-        ("y", QUANTITIES, "velocity"),
+        ("y", (*QUANTITIES, *outputs), "velocity"),
     ):
         chosen[key] = table.text(key, default)
         if chosen[key] not in known:
