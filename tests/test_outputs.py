@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import contimpact as ci
 from contimpact.errors import InputError
@@ -102,6 +103,7 @@ def test_columns_of_branches(tmp_path):
     np.testing.assert_array_equal(again["work"], branch["work"])
     assert again.parameters == branch.parameters
     (series,) = series_of(branch, "P")
+    assert len(series.name) > 1, "a name of one letter is a wall's"
     np.testing.assert_array_equal(series.values, branch["P"])
 
 
@@ -119,3 +121,43 @@ def test_columns_of_branches(tmp_path):
 def test_wrong_outputs(outputs, where):
     with pytest.raises(InputError, match=where):
         read_scene(scene(**outputs))
+
+
+def hybrid(law):
+    """An oscillator between two modes that a scene states, with its mass."""
+    return {
+        "system": "hybrid",
+        "period": "2*pi/w",
+        "mass": {"x": "m"},
+        "modes": {"free": {"x": "v", "v": law}},
+        "guards": {"S": {"within": "x <= d", "set": {"v": "-e*v"}}},
+        "parameters": {"m": 2.0, "c": 0.2, "k": 3.0, "F": 1.5, "w": 2.3, "d": 0.05, "e": 0.7},
+    }
+
+
+@pytest.mark.parametrize("power", ["x", "x**3"])
+def test_balance_hybrid(power):
+    """Linear flights, and integrated ones, of a mass other than one."""
+    if power != "x":
+        pytest.importorskip("heyoka")
+    model = read_model(Table(hybrid(f"(F*cos(w*t) - c*v - k*{power})/m"), "model"))
+    orbit = next(o for o in ci.find_orbits(model, "1") if o.physical)
+    work, damping = orbit.mean("F*cos(w*t)*v"), orbit.mean("c*v**2")
+    lost = ci.losses(orbit).per_time
+    assert lost == pytest.approx(
+        2.0 * (1 - 0.7**2) / 2 * orbit.velocities[0] ** 2 / orbit.period, rel=1e-12
+    )
+    assert work.value == pytest.approx(damping.value + lost, rel=1e-12)
+
+
+def test_mean_of_simulated_motion(oscillator):
+    """Motion that SciPy integrates from the orbit's impact, with v^2 beside it, has its mean."""
+
+    def law(t, y):
+        return [y[1], np.cos(2.6 * t) - 0.1 * y[1] - y[0], y[1] ** 2]
+
+    begin, speed = oscillator.times[0], oscillator.velocities[0]
+    span, start = (begin, begin + oscillator.period), [0.0, -0.8 * speed, 0.0]
+    end = solve_ivp(law, span, start, method="DOP853", rtol=1e-12, atol=1e-14).y[:, -1]
+    assert end[1] == pytest.approx(speed, rel=1e-9)
+    assert oscillator.mean("v**2").value == pytest.approx(end[2] / oscillator.period, rel=1e-10)

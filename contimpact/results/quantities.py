@@ -207,7 +207,8 @@ def series_of(
     if name not in numbers_of(branch):
         accepted = f"accepted are {', '.join([*QUANTITIES, *numbers_of(branch)])}"
         raise InputError("y", f"branch {branch.id} has no {short_repr(quantity)}", accepted)
-    return [Series(quantity, branch[name], smooth=name[:1] in "tv" and name[1:].isdigit())]
+    shown = quantity if len(quantity) > 1 else f"value of {quantity}"  # one letter is a wall's name
+    return [Series(shown, branch[name], smooth=name[:1] in "tv" and name[1:].isdigit())]
 
 
 def numbers_of(branch: Branch) -> list[str]:
