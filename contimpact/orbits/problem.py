@@ -125,7 +125,9 @@ def motion_of(here: Linearisation, points: int | Array = 200) -> Path:
 
 def _places(duration: float, points: int | Array) -> Array:
     """Times on a flight, at equal distances or at given parts of it."""
-    return np.linspace(0.0, duration, points) if isinstance(points, int) else duration * points
+    return (
+        duration * points if isinstance(points, np.ndarray) else np.linspace(0.0, duration, points)
+    )
 
 
 def _integrated(here: Linearisation, flight: int, dt: Array) -> tuple[Array, Array] | None:
