@@ -161,3 +161,13 @@ def test_mean_of_simulated_motion(oscillator):
     end = solve_ivp(law, span, start, method="DOP853", rtol=1e-12, atol=1e-14).y[:, -1]
     assert end[1] == pytest.approx(speed, rel=1e-9)
     assert oscillator.mean("v**2").value == pytest.approx(end[2] / oscillator.period, rel=1e-10)
+
+
+def test_balance_free_period():
+    """Without forcing, on integrated flights of a period that is found."""
+    pytest.importorskip("heyoka")
+    model = ci.VanDerPol(epsilon=1.0, r=0.8, sigma=1.0)
+    orbit = next(o for o in ci.find_orbits(model, "1") if o.physical)
+    gained = orbit.mean("epsilon*(1 - x**2)*v**2")
+    assert gained.value == pytest.approx(ci.losses(orbit).per_time, rel=1e-12)
+    assert abs(orbit.mean("v").value) < 1e-14
