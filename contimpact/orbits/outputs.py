@@ -1,4 +1,4 @@
-r"""Outputs of orbits: expressions in the state, time and parameters, and their means.
+r"""Means of outputs along orbits.
 
 The mean of f over the period T of an orbit with flights from :math:`t_k` to :math:`t_{k+1}` is
 
@@ -11,15 +11,14 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from ..arrays import Array
-from ..errors import InputError, short_repr
-from ..models.expressions import CONSTANTS, FUNCTIONS, check_expression, values_of
+from ..models.expressions import values_of
 from ..models.model import Model
+from ..models.outputs import TIME, Output, check_output, state_names
 from .problem import Linearisation, motion_of
 
 NODES = 20
@@ -28,23 +27,6 @@ MOST_PARTS = 64
 """Parts into which a flight is divided at most; their number is doubled from 1."""
 ROUNDING = 8 * float(np.finfo(float).eps)
 """Relative difference of two quadratures that is rounding."""
-TIME = "t"
-
-
-@dataclass(frozen=True)
-class Output:
-    """A named expression in the state of a system.
-
-    Attributes
-    ----------
-    name, expression : str
-    at_impacts : bool
-        Whether its mean is that of its values before impacts, instead of that over time.
-    """
-
-    name: str
-    expression: str
-    at_impacts: bool = False
 
 
 class Mean(NamedTuple):
@@ -53,23 +35,6 @@ class Mean(NamedTuple):
     value: float
     """Not a number where impacts are out of order, or there are none to take the mean over."""
     error: float
-
-
-def variables_of(model: Model) -> list[str]:
-    """Return the names that outputs may use: the state's in every mode, ``t``, all parameters."""
-    modes = [_state_names(model, mode.name) for mode in model.MODES] or [_state_names(model, "")]
-    state = [name for name in modes[0] if name and all(name in names for names in modes)]
-    return [*state, TIME, *model.parameters]
-
-
-def check_output(output: Output, model: Model, where: str) -> None:
-    """Raise InputError if an output is no expression in the names of the model."""
-    known = variables_of(model)
-    if not output.name.isidentifier() or output.name in {*known, *FUNCTIONS, *CONSTANTS}:
-        found = f"an output cannot be called {short_repr(output.name)}"
-        accepted = f"give a name of letters and digits other than {', '.join(known)}"
-        raise InputError(where, found, accepted)
-    check_expression(output.expression, where, known)
 
 
 def means_of(here: Linearisation, outputs: Sequence[Output], model: Model) -> list[Mean]:
@@ -118,21 +83,6 @@ def mean_output(here: Linearisation, model: Model, expression: str, at_impacts: 
     return means_of(here, [output], model)[0]
 
 
-def _state_names(model: Model, mode: str) -> list[str]:
-    """Names of a mode's positions and then velocities: its own where these are names, else ``x``
-    and ``v``, numbered where there are several; none of rates that are no part of the state."""
-    pairs = model.state_names(mode)
-    first = next((m.first_order for m in model.MODES if m.name == mode), ())
-    numbers = [str(i + 1) if len(pairs) > 1 else "" for i in range(len(pairs))]
-    positions = [
-        x if x.isidentifier() else f"x{i}" for (x, _), i in zip(pairs, numbers, strict=True)
-    ]
-    speeds = [v if v.isidentifier() else f"v{i}" for (_, v), i in zip(pairs, numbers, strict=True)]
-    speeds = ["" if i in first else v for i, v in enumerate(speeds)]
-    taken = {*positions, *model.parameters, TIME}
-    return [*positions, *("" if v in taken else v for v in speeds)]
-
-
 def _values(here: Linearisation, outputs: Sequence[Output], model: Model, places: Array) -> Array:
     """Values of outputs at places on all flights, shape (outputs, flights, places)."""
     path, walls = motion_of(here, places), here.problem.word.walls
@@ -141,7 +91,7 @@ def _values(here: Linearisation, outputs: Sequence[Output], model: Model, places
     found = np.empty((len(outputs), count, len(places)))
     for k in range(count):
         mode = model.guard(walls[k]).next_mode if walls else model.first_mode
-        names = _state_names(model, mode)
+        names = state_names(model, mode)
         columns = [*x[k].T[: len(names) // 2], *v[k].T[: len(names) // 2]]
         known = dict(zip(names, columns, strict=True)) | {TIME: t[k, :, 0], **model.parameters}
         known.pop("", None)

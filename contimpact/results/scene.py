@@ -24,18 +24,18 @@ from ..display import ParameterItems
 from ..errors import InputError, each_once, explain_arguments, short_repr
 from ..models.guards import graph
 from ..models.model import Model
+from ..models.outputs import Output
 from ..models.word import Word, parse_word
-from ..orbits.outputs import Output
 from ..storage.files import check_length, read_bounded, reason
 from ..systems import SYSTEMS
 from .options import FORMATS, SCENE_SETTINGS, CertifyOptions, CurveOptions, PlotOptions, Table
-from .outputs import read_outputs
 from .scene_tables import (
     read_certify,
     read_curves,
     read_detect,
     read_model,
     read_numerics,
+    read_outputs,
     read_plot,
     read_reach,
     read_simulation,

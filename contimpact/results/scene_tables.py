@@ -5,6 +5,7 @@ Every mistake is refused with the path of its key, what was found and what would
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, fields, replace
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,7 @@ from ..bifurcations.declarations import (
 from ..continuation.settings import Settings
 from ..errors import InputError, short_repr
 from ..models.model import Model
+from ..models.outputs import Output, check_output
 from ..systems import system
 from .options import (
     CURVE_SETTINGS,
@@ -50,6 +52,15 @@ if TYPE_CHECKING:
     from ..models.stated_modes import StatedModes
     from ..systems.membrane import Membrane
     from .simulate_tables import SimulateOptions
+
+
+OUTPUT_ERROR = "_error"
+"""Ends the name of the column with the error estimates of a mean."""
+_COLUMNS = re.compile(
+    rf"arclength|residual|iterations|reason|event|physical|n_unstable|smallest_gap|"
+    rf"[a-z]+\d+|\w*(_re|_im|{OUTPUT_ERROR})|{'|'.join(QUANTITIES)}"
+)
+"""Names that columns of branches and quantities have."""
 
 
 def read_machine(table: Table, kind: type[Model]) -> Model:
@@ -354,6 +365,26 @@ def read_numerics(table: Table) -> tuple[Settings, dict[str, Any]]:
         return Settings(**chosen), search
     except InputError as error:
         raise error.within("numerics") from None
+
+
+def read_outputs(table: Table, model: Model) -> tuple[Output, ...]:
+    """Return the outputs of [output]."""
+    found = []
+    for name in table.data:
+        value = table.take(name, REQUIRED, "an expression")
+        if at_impacts := isinstance(value, dict):
+            own = table.table(name)
+            value = own.text("before_impacts")
+            own.finish()
+        if not isinstance(value, str):
+            accepted = "an expression in quotes, or { before_impacts = an expression }"
+            raise table.refuse(name, value, accepted)
+        if _COLUMNS.fullmatch(name):
+            found_name = f"{short_repr(name)} is or may be a column of tables"
+            raise InputError(table.place(name), found_name, "give another name, such as P")
+        found.append(Output(name, value, at_impacts))
+        check_output(found[-1], model, table.place(name))
+    return tuple(found)
 
 
 def read_plot(

@@ -1,0 +1,59 @@
+"""Outputs: named expressions in the state, the time and the parameters of a model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..errors import InputError, short_repr
+from .expressions import CONSTANTS, FUNCTIONS, check_expression
+from .model import Model
+
+TIME = "t"
+
+
+@dataclass(frozen=True)
+class Output:
+    """A named expression in the state of a system.
+
+    Attributes
+    ----------
+    name, expression : str
+    at_impacts : bool
+        Whether its mean is that of its values before impacts, instead of that over time.
+    """
+
+    name: str
+    expression: str
+    at_impacts: bool = False
+
+
+def variables_of(model: Model) -> list[str]:
+    """Return the names that outputs may use: the state's in every mode, ``t``, all parameters."""
+    modes = [state_names(model, mode.name) for mode in model.MODES] or [state_names(model, "")]
+    state = [name for name in modes[0] if name and all(name in names for names in modes)]
+    return [*state, TIME, *model.parameters]
+
+
+def check_output(output: Output, model: Model, where: str) -> None:
+    """Raise InputError if an output is no expression in the names of the model."""
+    known = variables_of(model)
+    if not output.name.isidentifier() or output.name in {*known, *FUNCTIONS, *CONSTANTS}:
+        found = f"an output cannot be called {short_repr(output.name)}"
+        accepted = f"give a name of letters and digits other than {', '.join(known)}"
+        raise InputError(where, found, accepted)
+    check_expression(output.expression, where, known)
+
+
+def state_names(model: Model, mode: str) -> list[str]:
+    """Names of a mode's positions and then velocities: its own where these are names, else ``x``
+    and ``v``, numbered where there are several; none of rates that are no part of the state."""
+    pairs = model.state_names(mode)
+    first = next((m.first_order for m in model.MODES if m.name == mode), ())
+    numbers = [str(i + 1) if len(pairs) > 1 else "" for i in range(len(pairs))]
+    positions = [
+        x if x.isidentifier() else f"x{i}" for (x, _), i in zip(pairs, numbers, strict=True)
+    ]
+    speeds = [v if v.isidentifier() else f"v{i}" for (_, v), i in zip(pairs, numbers, strict=True)]
+    speeds = ["" if i in first else v for i, v in enumerate(speeds)]
+    taken = {*positions, *model.parameters, TIME}
+    return [*positions, *("" if v in taken else v for v in speeds)]
