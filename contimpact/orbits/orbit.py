@@ -80,7 +80,7 @@ class Orbit(ParameterItems, NotebookResult):
 
     @property
     def notation(self) -> str:
-        """The word's count of impacts: ``2:1``, ``1:1/2T``."""
+        """The word, as a count of impacts, such as ``2:1`` or ``1:1/2T``."""
         return self.word.notation(self.problem.model.letters)
 
     @property
