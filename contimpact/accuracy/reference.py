@@ -1,10 +1,8 @@
-r"""Orbits, multipliers and events to thirty digits and more: what the doubles are compared with.
+"""Orbits, multipliers and events to thirty digits and more: what the doubles are compared with.
 
-The generated kernels are evaluated in mpmath's arithmetic. Parameters are the model's doubles,
-taken as exact. Every system is written down anew from residuals and blocks alone: the second
-derivatives of the library, its Jacobians and its step control have no part in what a solution is.
-Only the step of Newton's iteration is computed in double precision, so that an iteration contracts
-by about the condition number times 1e-16 until the digits asked for stand.
+The generated kernels are evaluated in mpmath's arithmetic. Only the step of Newton's iteration is
+computed in double precision, so that an iteration contracts by about the condition number times
+1e-16 until the digits asked for stand.
 """
 
 from __future__ import annotations
@@ -16,13 +14,11 @@ from typing import Any
 import mpmath
 import numpy as np
 
-from ..bifurcations.kind import System
+from ..bifurcations.equations import Equations
 from ..bifurcations.registry import kind_of
-from ..bifurcations.requested import PERIOD
 from ..orbits.problem import Array, OrbitProblem
 from ..segments.arithmetic import evaluate_in
 from ..segments.bounded import many_digits
-from ..segments.layout import SECTION
 
 ITERATIONS = 60
 GUARD_DIGITS = 18
@@ -58,7 +54,7 @@ class Exact:
         return float(value - self.unknowns[-1])
 
 
-class Reference:
+class Reference(Equations):
     """The orbit problem of a word, and the systems of its events, in many digits.
 
     Parameters
@@ -70,13 +66,10 @@ class Reference:
     """
 
     def __init__(self, problem: OrbitProblem, digits: int = 30) -> None:
-        self.problem, self.digits = problem, digits
+        self.digits = digits
         self.ctx = mpmath.mp.clone()
         self.ctx.dps = digits + GUARD_DIGITS
-        self.arithmetic = many_digits(self.ctx)
-        values = problem.model.values
-        self._values = [self.ctx.mpf(value) for value in values.values()]
-        self._free = list(values).index(problem.parameter)
+        super().__init__(problem, many_digits(self.ctx))
 
     # Solutions.
 
@@ -130,186 +123,23 @@ class Reference:
         Products are safe here: their loss is made good by digits. For m = 2 alone.
         """
         ctx = self.ctx
-        _, flights = self.flights(unknowns, held=True)
+        flights = self.flights(unknowns, held=True)
         with ctx.extradps(30 + 4 * len(flights)):
             total, product = ctx.eye(2), ctx.one
-            for a, b, _ in flights:
-                below = b[0, 0] * b[1, 1] - b[0, 1] * b[1, 0]
-                inverse = ctx.matrix([[b[1, 1], -b[0, 1]], [-b[1, 0], b[0, 0]]])
-                total = -(inverse * a) * total / below
-                product *= (a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]) / below
+            for _, a, b, _ in flights:
+                below = b[0] * b[3] - b[1] * b[2]
+                inverse = ctx.matrix([[b[3], -b[1]], [-b[2], b[0]]])
+                total = -(inverse * ctx.matrix([a[:2], a[2:]])) * total / below
+                product *= (a[0] * a[3] - a[1] * a[2]) / below
             half = (total[0, 0] + total[1, 1]) / 2
             root = ctx.sqrt(half**2 - product)
             large = half + root if abs(half + root) >= abs(half - root) else half - root
             both = [+large, product / large if large else ctx.zero]
             return both[:1] if self.problem.autonomous else both
 
-    # Residual and blocks.
-
-    def flights(
-        self, z: Sequence[Any], held: bool = False
-    ) -> tuple[list[Any], list[tuple[Any, Any, list[Any]]]]:
-        """Return the residuals, and for each flight its blocks A, B and derivative by lambda.
-
-        Where the period is free, B of the last flight is without its first column, or A of the
-        first if the first passage's time is to be held.
-        """
-        problem, ctx = self.problem, self.ctx
-        m, n = problem.m, problem.n
-        p = self.values(z)
-        setup = self.setup(p)
-        turns, closing = problem.word.period, problem.closing(z[0], setup.period)
-        residual: list[Any] = []
-        blocks = []
-        for k, segment in enumerate(problem.segments):
-            j = m * k + m
-            arrival = z[j : j + m] if j < n else [closing, *z[1:m]]
-            arrival = arrival if problem.word.walls else z[:m]
-            left = self.leaving(z, k)
-            rows, *entries, by_parameter = segment.over(self.arithmetic)(left, arrival, p)
-            residual += rows
-            start, end = (ctx.matrix([e[m * r : m * r + m] for r in range(m)]) for e in entries)
-            if j == n and problem.word.walls:
-                drift = turns * setup.slopes[0]
-                by_parameter = tuple(g + drift * end[r, 0] for r, g in enumerate(by_parameter))
-                if problem.autonomous and not held:
-                    end[:, 0] *= 0
-            if problem.autonomous and held and problem.word.walls and k == 0:
-                start[:, 0] *= 0
-            if problem.autonomous and not problem.word.walls:
-                start[:, 1] *= 0
-            blocks.append((start, end, list(by_parameter)))
-        return residual, blocks
-
-    def leaving(self, z: Sequence[Any], flight: int) -> list[Any]:
-        """Return where a flight leaves; without impacts and forcing, where a coordinate turns."""
-        m = self.problem.m
-        return self.problem.leaves(list(z[m * flight : m * flight + m])).tolist()
-
-    def residual(self, z: Sequence[Any]) -> list[Any]:
-        """Return the residuals of the orbit problem."""
-        return self.flights(z)[0]
-
-    def values(self, z: Sequence[Any]) -> list[Any]:
-        """Return all parameter values at a point."""
-        values = self._values.copy()
-        values[self._free] = self.ctx.mpf(z[-1])
-        return values
-
-    def flight(self, a: str, b: str) -> Callable[..., Any]:
+    def kernel(self, a: str, b: str) -> Callable[..., Any]:
         """Return the kernel of a flight in this arithmetic."""
         return evaluate_in(self.problem.kernels.flight(a, b), self.arithmetic)
-
-    def setup(self, p: Sequence[Any]) -> Any:
-        """Return what the kernel ``setup`` says at parameter values."""
-        return evaluate_in(self.problem.kernels.setup, self.arithmetic)(*p)
-
-    # Systems.
-
-    def vanishing(self, function: Callable[[list[Any]], Any]) -> System:
-        """Return F = 0 and a function = 0."""
-        return lambda x: [*self.residual(x), function(x)], []
-
-    def singular(self, z: Array, mu: float) -> System:
-        """F = 0, C(mu) q = 0, l.q = 1."""
-        n = self.problem.n
-        null = np.linalg.svd(self.problem.evaluate(z).cyclic(mu)[:, :-1])[2][-1].tolist()
-
-        def system(x: list[Any]) -> list[Any]:
-            residual, blocks = self.flights(x[: n + 1])
-            q = x[n + 1 :]
-            size = sum((a * b for a, b in zip(null, q, strict=True)), self.ctx.mpf(-1))
-            return [*residual, *self._cycle(blocks, q, mu), size]
-
-        return system, null
-
-    def singular_pair(self, null: Array, mu: complex) -> System:
-        """F = 0, C(c + i s) (p + i q) = 0, the length and phase of p + i q held, c^2 + s^2 = 1."""
-        n = self.problem.n
-        bar = [self.ctx.mpc(complex(c).conjugate()) for c in null]
-
-        def system(x: list[Any]) -> list[Any]:
-            residual, blocks = self.flights(x[: n + 1])
-            p, q, (c, s) = x[n + 1 : 2 * n + 1], x[2 * n + 1 : 3 * n + 1], x[3 * n + 1 :]
-            whole = [self.ctx.mpc(a, b) for a, b in zip(p, q, strict=True)]
-            rows = self._cycle(blocks, whole, self.ctx.mpc(c, s))
-            size = sum((a * b for a, b in zip(bar, whole, strict=True)), self.ctx.mpf(-1))
-            parts = [*(row.real for row in rows), *(row.imag for row in rows)]
-            return [*residual, *parts, size.real, size.imag, c * c + s * s - 1]
-
-        return system, [*null.real.tolist(), *null.imag.tolist(), mu.real, mu.imag]
-
-    def _cycle(self, blocks: Sequence[Any], q: Sequence[Any], mu: Any) -> list[Any]:
-        """The cyclic matrix with its last coupling multiplied by mu, times a vector."""
-        m, count = self.problem.m, len(blocks)
-        rows = []
-        for k, (start, end, _) in enumerate(blocks):
-            j = (k + 1) % count
-            factor = mu if k == count - 1 else 1
-            for r in range(m):
-                own = sum(start[r, c] * q[m * k + c] for c in range(m))
-                rows += [own + factor * sum(end[r, c] * q[m * j + c] for c in range(m))]
-        return rows
-
-    def branch_point(self, z: Array) -> System:
-        """F + nu psi = 0, J' psi = 0, |psi| = 1."""
-        n, m = self.problem.n, self.problem.m
-        left = np.linalg.svd(self.problem.evaluate(z).jacobian)[0][:, -1].tolist()
-
-        def system(x: list[Any]) -> list[Any]:
-            residual, blocks = self.flights(x[: n + 1])
-            nu, psi = x[n + 1], x[n + 2 :]
-            columns = [self.ctx.zero] * (n + 1)
-            for k, (start, end, by_parameter) in enumerate(blocks):
-                j = (k + 1) % len(blocks)
-                for r in range(m):
-                    weight = psi[m * k + r]
-                    for c in range(m):
-                        columns[m * k + c] += start[r, c] * weight
-                        columns[m * j + c] += end[r, c] * weight
-                    columns[n] += by_parameter[r] * weight
-            shifted = [f + nu * w for f, w in zip(residual, psi, strict=True)]
-            return [*shifted, *columns, sum(w * w for w in psi) - 1]
-
-        return system, [0.0, *left]
-
-    def grazing(self, z: Array, details: Mapping[str, Any]) -> System:
-        """F = 0, and a flight to a touch of zero velocity."""
-        problem = self.problem
-        m, n = problem.m, problem.n
-        flight, wall = details["flight"], details["wall"]
-        kernel = self.flight(problem.word.walls[flight : flight + 1] or SECTION, wall)
-
-        def system(x: list[Any]) -> list[Any]:
-            touch, left = [x[n + 1], self.ctx.zero, *x[n + 2 :]], self.leaving(x, flight)
-            rows, _, _, _ = kernel(*left, *touch, *self.values(x[: n + 1]))
-            return [*self.residual(x[: n + 1]), *rows]
-
-        return system, [float(details["touch_time"]), *[0.0] * (m - 2)]
-
-    def product(self, z: list[Any]) -> Any:
-        """The product of all multipliers; for m = 2 a pair on the unit circle has the product 1."""
-        total = self.ctx.one
-        for start, end, _ in self.flights(z, held=True)[1]:
-            total *= self.ctx.det(start) / self.ctx.det(end)
-        return total
-
-    def duration(self, z: list[Any], flight: int) -> Any:
-        m, n = self.problem.m, self.problem.n
-        i, j = m * flight, m * flight + m
-        if j < n:
-            return z[j] - z[i]
-        period = self.setup(self.values(z)).period
-        return self.problem.closing(z[0], period) - z[i]
-
-    def requested(self, z: list[Any], requested: Mapping[str, float]) -> Any:
-        ((name, wanted),) = requested.items()
-        if name == self.problem.parameter:
-            return z[-1] - wanted
-        if name == PERIOD:
-            return self.problem.closing(z[0], 0) - z[0] - wanted
-        place = self.problem.model.DERIVED.index(name)
-        return self.setup(self.values(z)).derived[place] - wanted
 
     # Newton's iteration.
 

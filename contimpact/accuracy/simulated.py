@@ -60,7 +60,7 @@ class ExactFlights:
         None if it is not reached.
         """
         ctx, m = self.exact.ctx, len(guess)
-        flight = self.exact.flight(*(self.letters[wall] for wall in walls))
+        flight = self.exact.kernel(*(self.letters[wall] for wall in walls))
         x = ctx.matrix([ctx.mpf(value) for value in guess])
         for _ in range(ITERATIONS):
             rows, _, end, _ = flight(*map(ctx.mpf, start), *x, *self.values)

@@ -34,7 +34,7 @@ from .extended_system import (
     located,
     unfolding_of,
 )
-from .kind import Change, Details, Kind, Look, ManyDigits, Start, System, Values
+from .kind import Change, Details, Equations, Kind, Look, Start, System, Values
 
 UNFOLDED = 1e-8
 """Size of nu beyond which a curve of branch points has none any more."""
@@ -81,7 +81,7 @@ class BP(Kind):
     def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem:
         return Crossing(problem)
 
-    def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System:
+    def in_many_digits(self, orbit: Equations, unknowns: Array, details: Details) -> System:
         return orbit.branch_point(unknowns)
 
     def born(self, event: OrbitEvent) -> Start | None:

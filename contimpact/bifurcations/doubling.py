@@ -47,7 +47,7 @@ from .extended_system import (
     located,
     null_vectors,
 )
-from .kind import SUB, SUPER, Change, Details, Kind, Look, ManyDigits, Start, System, Values
+from .kind import SUB, SUPER, Change, Details, Equations, Kind, Look, Start, System, Values
 
 
 class PeriodDoubling(OrbitTest):
@@ -134,7 +134,7 @@ class PD(Kind):
     def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem:
         return SingularCycle(problem, -1.0)
 
-    def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System:
+    def in_many_digits(self, orbit: Equations, unknowns: Array, details: Details) -> System:
         return orbit.singular(unknowns, -1.0)
 
     def born(self, event: OrbitEvent) -> Start | None:

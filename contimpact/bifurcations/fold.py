@@ -28,7 +28,7 @@ from .extended_system import (
     null_vectors,
     stands_upright,
 )
-from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
+from .kind import Change, Details, Equations, Kind, Look, System, Values
 
 
 class Fold(OrbitTest):
@@ -79,7 +79,7 @@ class FB(Kind):
     def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem:
         return SingularCycle(problem, 1.0)
 
-    def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System:
+    def in_many_digits(self, orbit: Equations, unknowns: Array, details: Details) -> System:
         return orbit.singular(unknowns, 1.0)
 
     def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:

@@ -56,9 +56,9 @@ from .kind import (
     SUPER,
     Change,
     Details,
+    Equations,
     Kind,
     Look,
-    ManyDigits,
     Scenario,
     Start,
     System,
@@ -235,7 +235,7 @@ class G(Kind):
     def places(self, here: Linearisation) -> list[Details]:
         return places_of(Grazing(here.problem), here)
 
-    def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System | None:
+    def in_many_digits(self, orbit: Equations, unknowns: Array, details: Details) -> System | None:
         inside = onset_of(orbit.problem, details) is None
         return orbit.grazing(unknowns, details) if inside else None
 

@@ -10,13 +10,12 @@ from __future__ import annotations
 
 import enum
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
-from ..arrays import Array, Number
+from ..arrays import Array
 from ..continuation.branch import Details, TestFunction
 from ..continuation.corrector import border_jacobian, first_tangent
 from ..continuation.ends import EndKind
@@ -26,6 +25,8 @@ from ..orbits.physicality import Verdict
 from ..orbits.problem import Linearisation, OrbitProblem, rounding
 from ..orbits.search import first_lap, reduce_period
 from .codimension_two import CurvePoint
+from .equations import Equations as Equations
+from .equations import System as System
 from .extended_system import (
     FIRST_ORDER,
     ExtendedSystem,
@@ -175,42 +176,6 @@ class Scenario:
     which it may end, stable on both sides of the grazing."""
 
 
-class ManyDigits(Protocol):
-    """An orbit problem in many digits, as `contimpact.accuracy.reference` states it anew.
-
-    Each system is a function of all unknowns, as a list, with a guess of those beyond the orbit's.
-    """
-
-    problem: OrbitProblem
-
-    def singular(self, z: Array, mu: float) -> System:
-        """F = 0, C(mu) q = 0, l.q = 1."""
-
-    def singular_pair(self, null: Array, mu: complex) -> System:
-        """F = 0, C(mu) q = 0 for a pair on the unit circle: q and mu complex, l.q = 1."""
-
-    def branch_point(self, z: Array) -> System:
-        """F + nu psi = 0, J' psi = 0, |psi| = 1."""
-
-    def grazing(self, z: Array, details: Details) -> System:
-        """F = 0, and a flight to a touch of zero velocity."""
-
-    def vanishing(self, function: Callable[[list[Number]], Number]) -> System:
-        """F = 0, and a function of the unknowns is zero."""
-
-    def product(self, z: list[Number]) -> Number:
-        """The product of all multipliers: one for a pair on the unit circle that is alone."""
-
-    def duration(self, z: list[Number], flight: int) -> Number:
-        """A flight's duration."""
-
-    def requested(self, z: list[Number], requested: Mapping[str, float]) -> Number:
-        """How far a parameter is from the value asked for."""
-
-
-System = tuple[Callable[[list[Number]], list[Number]], list[float]]
-
-
 class Kind(ABC):
     """A kind of event on branches of periodic orbits.
 
@@ -263,7 +228,7 @@ class Kind(ABC):
         """Return the details of the places at which it may happen on an orbit and those nearby."""
         return [{}]
 
-    def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System | None:
+    def in_many_digits(self, orbit: Equations, unknowns: Array, details: Details) -> System | None:
         """Return its equations in many digits; None for a kind that reports do not confirm."""
         return None
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..arrays import Number
 from ..continuation.branch import TestFunction
 from ..errors import InputError
 from ..models.word import Word
@@ -11,7 +12,7 @@ from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding_of_set
 from .codimension_two import GrazingCoincides, StopCoincides
 from .declarations import REQUESTED
 from .extended_system import EPSILON, ExtendedSystem, Orbits, ReachedTest, ScalarTest
-from .kind import Details, Kind, Look, ManyDigits, System, Values
+from .kind import Details, Equations, Kind, Look, System, Values
 
 PERIOD = "period"
 """Name of the orbit's period where it is free."""
@@ -87,5 +88,16 @@ class UZ(Kind):
     def codimension_two(self, word: Word) -> list[TestFunction]:
         return [GrazingCoincides(self.name), StopCoincides(self.name)]
 
-    def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System:
-        return orbit.vanishing(lambda x: orbit.requested(x, details["requested"]))
+    def in_many_digits(self, orbit: Equations, unknowns: Array, details: Details) -> System:
+        ((name, wanted),) = details["requested"].items()
+        problem = orbit.problem
+
+        def off(z: list[Number]) -> Number:
+            if name == problem.parameter:
+                return z[-1] - wanted
+            if name == PERIOD:
+                return problem.closing(z[0], 0) - z[0] - wanted
+            derived = orbit.setup(orbit.values(z)).derived
+            return derived[problem.model.DERIVED.index(name)] - wanted
+
+        return orbit.vanishing(off)

@@ -26,7 +26,7 @@ from .extended_system import (
     rounding_of_length,
     rounding_of_product,
 )
-from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
+from .kind import Change, Details, Equations, Kind, Look, System, Values
 
 RESONANT = 1e-5
 """How far from the unit circle a double multiplier is seen, known to the root of rounding."""
@@ -164,7 +164,7 @@ class NS(Kind):
     def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem:
         return SingularPair(problem)
 
-    def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System:
+    def in_many_digits(self, orbit: Equations, unknowns: Array, details: Details) -> System:
         if orbit.problem.m == 2:
             return orbit.vanishing(lambda x: orbit.product(x) - 1)
         return orbit.singular_pair(*null_pair(orbit.problem.evaluate(unknowns)))

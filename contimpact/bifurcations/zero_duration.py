@@ -26,7 +26,7 @@ from .extended_system import (
     ScalarTest,
     places_of,
 )
-from .kind import Change, Details, Kind, Look, ManyDigits, Start, System, Values, null_vector_start
+from .kind import Change, Details, Equations, Kind, Look, Start, System, Values, null_vector_start
 from .sliding import (
     exchange_impacts,
     exchanged_word,
@@ -107,7 +107,7 @@ class T(Kind):
     def places(self, here: Linearisation) -> list[Details]:
         return places_of(ZeroDuration(here.problem), here)
 
-    def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System:
+    def in_many_digits(self, orbit: Equations, unknowns: Array, details: Details) -> System:
         return orbit.vanishing(lambda x: orbit.duration(x, details["flight"]))
 
     def born(self, event: OrbitEvent) -> Start | None:

@@ -29,7 +29,7 @@ from .extended_system import (
     ScalarTest,
     places_of,
 )
-from .kind import Change, Details, Kind, Look, ManyDigits, Start, System, Values, null_vector_start
+from .kind import Change, Details, Equations, Kind, Look, Start, System, Values, null_vector_start
 from .sliding import (
     INSTANT,
     guard_at,
@@ -170,7 +170,7 @@ class V(Kind):
     def places(self, here: Linearisation) -> list[Details]:
         return places_of(ZeroVelocity(here.problem), here)
 
-    def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System:
+    def in_many_digits(self, orbit: Equations, unknowns: Array, details: Details) -> System:
         impact = details["impact"]
         if impact in orbit.problem.excursions and "flight" not in details:
             return orbit.vanishing(lambda x: orbit.duration(x, impact))

@@ -23,12 +23,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from flint import arb, arb_mat, arb_series, ctx
 
 from ..arrays import Array
+from ..bifurcations.equations import residuals_of
 from ..models.word import Word
 from ..orbits.problem import OrbitProblem
 from .equations import BallProblem, Balls, Flight, column, krawczyk, preconditioner
@@ -208,15 +210,9 @@ class _Expansion:
             arb_series([s - a * e, -e], prec=length) for s, e in zip(self.s, self.e, strict=True)
         ]
         values = once.values([*self.s, self.value])
-        setup = once.setup(values)
-        turns = once.problem.word.period
         rows = [one[i : i + m] for i in range(0, self.n, m)]
-        rows.append([other[0] + turns * setup.period, *other[1:m]])
-        flights = [once.flight(k, rows[k], rows[k + 1], values) for k in range(len(rows) - 1)]
-        residual, first, last, free = flights[-1]
-        drift = [turns * setup.slopes[0] * last[m * r] for r in range(m)]
-        moved = [g + d for g, d in zip(free, drift, strict=True)]
-        return [*flights[:-1], (residual, first, last, moved)]
+        rows.append([once.problem.closing(other[0], once.setup(values).period), *other[1:m]])
+        return once.between(pairwise(rows), values)
 
     def _even(self, near: Any, over: Any) -> Any:
         return coefficient(near, 0) + self.square * coefficient(over, 2)
@@ -224,13 +220,10 @@ class _Expansion:
     def _odd(self, near: Any, over: Any) -> Any:
         return coefficient(near, 1) + self.square * coefficient(over, 3)
 
-    def _residuals(self, flights: list[Flight]) -> list[Any]:
-        return [row for flight in flights for row in flight[0]]
-
     @property
     def values(self) -> Any:
         """H."""
-        pairs = list(zip(self._residuals(self.near), self._residuals(self.over), strict=True))
+        pairs = list(zip(residuals_of(self.near), residuals_of(self.over), strict=True))
         size = sum((r * e for r, e in zip(self.row, self.e, strict=True)), arb(-1))
         even, odd = [self._even(*p) for p in pairs], [self._odd(*p) for p in pairs]
         return arb_mat([[x] for x in (*even, *odd, size)])
@@ -238,7 +231,7 @@ class _Expansion:
     @property
     def slopes(self) -> Any:
         """dH/dA."""
-        rows = self._residuals(self.over)
+        rows = residuals_of(self.over)
         found = [coefficient(r, 2) for r in rows] + [coefficient(r, 3) for r in rows]
         return arb_mat([[x] for x in (*found, arb(0))])
 

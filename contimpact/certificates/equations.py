@@ -1,36 +1,29 @@
-"""The equations of orbits and events in balls, and zeros proven by Krawczyk's operator.
+"""Orbits and events in balls, and zeros proven by Krawczyk's operator.
 
-Residuals and blocks are those of the generated kernels, evaluated on balls. Parameters are the
-model's doubles, taken as exact. The systems of the events are stated by each kind, as for many
-digits; their Jacobians come from power series of two terms.
+Residuals and blocks are those of the generated kernels, evaluated on balls; Jacobians of the
+systems come from power series of two terms.
 """
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
 from flint import arb, arb_mat, arb_series, ctx
 
-from ..arrays import Array
-from ..bifurcations.kind import System
-from ..continuation.branch import Details
+from ..bifurcations.equations import Equations
+from ..bifurcations.equations import Flight as Flight
 from ..orbits.problem import OrbitProblem
 from ..segments.arithmetic import evaluate_in
-from ..segments.ball_flow import Number, number
+from ..segments.ball_flow import Number
 from ..segments.balls import Time, balls
-from ..segments.layout import SECTION
 
 Balls: TypeAlias = list[Any]
 """Numbers of this arithmetic: ``arb``, or ``arb_series`` of them."""
 
-Flight: TypeAlias = tuple[Balls, Balls, Balls, Balls]
-"""Residual, A, B and derivative by lambda of a flight, row by row."""
 
-
-class BallProblem:
+class BallProblem(Equations):
     """The orbit problem of a word, and the systems of its events, in balls.
 
     Parameters
@@ -42,83 +35,33 @@ class BallProblem:
     """
 
     def __init__(self, problem: OrbitProblem, bits: int) -> None:
-        self.problem, self.bits = problem, bits
-        self.arithmetic = balls(bits)
-        values = problem.model.values
-        self._values = [arb(value) for value in values.values()]
-        self._free = list(values).index(problem.parameter)
-        self._segments = [segment.over(self.arithmetic) for segment in problem.segments]
-        self._setup = evaluate_in(problem.kernels.setup, self.arithmetic)
+        super().__init__(problem, balls(bits))
+        self.bits = bits
         self._memory: dict[Any, Any] | None = None
-
-    def values(self, z: Sequence[Number]) -> Balls:
-        """Return all parameter values at a point."""
-        values = self._values.copy()
-        values[self._free] = z[-1]
-        return values
-
-    def setup(self, values: Sequence[Number]) -> Any:
-        """Return what the kernel ``setup`` says at parameter values."""
-        return self._setup(*values)
 
     def span(self, z: Sequence[Number]) -> Number:
         """Return the orbit's period."""
         return self.problem.word.period * self.setup(self.values(z)).period
 
-    def impacts(self, z: Sequence[Number]) -> list[Balls]:
-        """Return the unknowns of each impact, those of the first once more at the end, a period
-        later."""
-        m = self.problem.m
-        rows = [list(z[i : i + m]) for i in range(0, self.problem.n, m)]
-        return [*rows, [z[0] + self.span(z), *z[1:m]]]
-
-    def flights(self, z: Sequence[Number]) -> list[Flight]:
-        """Return residual and blocks of every flight."""
-        values, rows = self.values(z), self.impacts(z)
-        m, turns = self.problem.m, self.problem.word.period
-        found = []
-        for k, (start, end) in enumerate(itertools.pairwise(rows)):
-            given = (*z[m * k : m * k + 2 * m], *z[:m], z[-1]) if self._memory is not None else ()
-            found.append(self._remembered(k, given, start, end, values))
-        residual, first, last, by_parameter = found[-1]
-        slope = self.setup(values).slopes[0]
-        drift = [turns * slope * last[m * row] for row in range(m)]
-        moved = [g + d for g, d in zip(by_parameter, drift, strict=True)]
-        return [*found[:-1], (residual, first, last, moved)]
-
-    def _remembered(self, k: int, given: Any, start: Balls, end: Balls, values: Balls) -> Flight:
-        """A flight of the same numbers as before is not evaluated again."""
-        if self._memory is None:
-            return self.flight(k, start, end, values)
-        key = (k, *map(id, given))
-        if key not in self._memory:
-            self._memory[key] = given, self.flight(k, start, end, values)
-        flight: Flight = self._memory[key][1]
-        return flight
+    def closing(self, z: Sequence[Number]) -> Number:
+        """Return when the orbit closes."""
+        return self._remembered(("closing", z[0], z[-1]), super().closing, z)
 
     def flight(self, k: int, start: Balls, end: Balls, values: Balls) -> Flight:
         """Return residual and blocks of a flight between the unknowns of two impacts."""
-        leaving = [Time(start[0]), *start[1:]]
-        rows = self._segments[k](leaving, end, values)
-        residual, first, last, free = ([number(x) for x in row] for row in rows)
-        return residual, first, last, free
+        given = (k, *start, *end, values[self._free])
+        return self._remembered(given, super().flight, k, start, end, values)
 
-    def residual(self, z: Sequence[Number]) -> Balls:
-        """Return the residuals of the orbit problem."""
-        return [row for flight in self.flights(z) for row in flight[0]]
-
-    def quiet_flight(self, state: Balls, values: Balls) -> Flight:
-        """Return residual and blocks of the flight of all periods from a state at the time zero,
-        back to it.
-
-        Raises ArithmeticError if it does not lead back.
-        """
-        segment = self.problem.kernels.segment(SECTION, str(self.problem.word.period))
-        rows = segment.over(self.arithmetic)(state, state, values)
-        residual, first, last, free = ([number(x) for x in row] for row in rows)
-        if not all(x.contains(0) for x in residual):
-            raise ArithmeticError("the orbit without impacts is not closed")
-        return residual, first, last, free
+    def _remembered(
+        self, given: Sequence[Any], function: Callable[..., Any], *arguments: Any
+    ) -> Any:
+        """What the same numbers have given before is not evaluated again."""
+        if self._memory is None:
+            return function(*arguments)
+        key = tuple(map(id, given))
+        if key not in self._memory:
+            self._memory[key] = given, function(*arguments)
+        return self._memory[key][1]
 
     def motion(self, wall: str, other: str | None = None) -> Callable[..., Any]:
         """Return the kernel of the motion after a wall: ``motion(start, dt, values)``.
@@ -129,124 +72,6 @@ class BallProblem:
         kernel = kernels.motion(wall) if other is None else kernels.gap(wall, other)
         function = evaluate_in(kernel, self.arithmetic)
         return lambda start, dt, values: function(Time(start[0]), *start[1:], dt, *values)
-
-    # Systems of events; see `bifurcations.kind.ManyDigits`.
-
-    def vanishing(self, function: Callable[[list[Any]], Any]) -> System:
-        """F = 0, and a function = 0."""
-        return lambda x: [*self.residual(x), function(x)], []
-
-    def singular(self, z: Array, mu: float) -> System:
-        """F = 0, C(mu) q = 0, l.q = 1."""
-        n = self.problem.n
-        null = np.linalg.svd(self.problem.evaluate(z).cyclic(mu)[:, :-1])[2][-1].tolist()
-
-        def system(x: list[Any]) -> list[Any]:
-            flights = self.flights(x[: n + 1])
-            q = x[n + 1 :]
-            size = sum((a * b for a, b in zip(null, q, strict=True)), arb(-1))
-            return [*_residuals(flights), *self._cycle(flights, q, mu), size]
-
-        return system, null
-
-    def _cycle(self, flights: Sequence[Flight], q: Sequence[Any], mu: float) -> Balls:
-        """The cyclic matrix with its last coupling multiplied by mu, times a vector."""
-        m, rows = self.problem.m, []
-        later = [*q[m:], *(mu * c for c in q[:m])]
-        for k, (_, start, end, _) in enumerate(flights):
-            i = m * k
-            for r in range(m):
-                a, b = start[m * r : m * r + m], end[m * r : m * r + m]
-                rows.append(_dot(a, q[i : i + m]) + _dot(b, later[i : i + m]))
-        return rows
-
-    def singular_pair(self, null: Array, mu: complex) -> System:
-        """F = 0, C(c + i s) (p + i q) = 0, the length and phase of p + i q held, c^2 + s^2 = 1."""
-        n = self.problem.n
-        re, im = null.real.tolist(), null.imag.tolist()
-
-        def system(x: list[Any]) -> list[Any]:
-            flights = self.flights(x[: n + 1])
-            p, q, (c, s) = x[n + 1 : 2 * n + 1], x[2 * n + 1 : 3 * n + 1], x[3 * n + 1 :]
-            first_p, first_q = (self._cycle(flights, part, 0) for part in (p, q))
-            whole_p, whole_q = (self._cycle(flights, part, 1) for part in (p, q))
-            last_p = [a - b for a, b in zip(whole_p, first_p, strict=True)]
-            last_q = [a - b for a, b in zip(whole_q, first_q, strict=True)]
-            ends = list(zip(last_p, last_q, strict=True))
-            return [
-                *_residuals(flights),
-                *(a + c * x - s * y for a, (x, y) in zip(first_p, ends, strict=True)),
-                *(b + c * y + s * x for b, (x, y) in zip(first_q, ends, strict=True)),
-                _dot(re, p) + _dot(im, q) - 1,
-                _dot(re, q) - _dot(im, p),
-                c * c + s * s - 1,
-            ]
-
-        return system, [*re, *im, mu.real, mu.imag]
-
-    def branch_point(self, z: Array) -> System:
-        """F + nu psi = 0, J' psi = 0, |psi| = 1."""
-        n = self.problem.n
-        left = np.linalg.svd(self.problem.evaluate(z).jacobian)[0][:, -1].tolist()
-
-        def system(x: list[Any]) -> list[Any]:
-            flights = self.flights(x[: n + 1])
-            nu, psi = x[n + 1], x[n + 2 :]
-            shifted = [f + nu * w for f, w in zip(_residuals(flights), psi, strict=True)]
-            columns = zip(*self.jacobian(flights), strict=True)
-            return [*shifted, *(_dot(column, psi) for column in columns), _dot(psi, psi) - 1]
-
-        return system, [0.0, *left]
-
-    def jacobian(self, flights: Sequence[Flight]) -> list[Balls]:
-        """Return the Jacobian of the orbit problem, row by row."""
-        m, n = self.problem.m, self.problem.n
-        rows: list[Balls] = []
-        for k, (_, start, end, by_parameter) in enumerate(flights):
-            for r in range(m):
-                row: Balls = [arb(0)] * n + [by_parameter[r]]
-                for c in range(m):
-                    row[m * k + c] += start[m * r + c]
-                    row[(m * k + m + c) % n] += end[m * r + c]
-                rows.append(row)
-        return rows
-
-    def grazing(self, z: Array, details: Details) -> System:
-        """F = 0, and a flight to a touch of zero velocity."""
-        m, n = self.problem.m, self.problem.n
-        flight, wall = details["flight"], details["wall"]
-        segment = self.problem.kernels.segment(self.problem.word.walls[flight], wall)
-        reach = segment.over(self.arithmetic)
-
-        def system(x: list[Any]) -> list[Any]:
-            start = x[m * flight : m * flight + m]
-            touch = [x[n + 1], arb(0), *x[n + 2 :]]
-            rows = reach([Time(start[0]), *start[1:]], touch, self.values(x[: n + 1]))[0]
-            return [*self.residual(x[: n + 1]), *map(number, rows)]
-
-        return system, [float(details["touch_time"]), *[0.0] * (m - 2)]
-
-    def product(self, z: list[Any]) -> Any:
-        """The product of all multipliers; for m = 2 a pair on the unit circle has the product 1."""
-        total = arb(1)
-        for _, start, end, _ in self.flights(z):
-            total *= _determinant(start) / _determinant(end)
-        return total
-
-    def duration(self, z: list[Any], flight: int) -> Any:
-        """A flight's duration."""
-        rows = self.impacts(z[: self.problem.n + 1])
-        return rows[flight + 1][0] - rows[flight][0]
-
-    def requested(self, z: list[Any], requested: Mapping[str, float]) -> Any:
-        """How far a parameter is from the value asked for."""
-        ((name, wanted),) = requested.items()
-        if name == self.problem.parameter:
-            return z[-1] - wanted
-        place = self.problem.model.DERIVED.index(name)
-        return self.setup(self.values(z)).derived[place] - wanted
-
-    # Jacobians of systems.
 
     def linearised(self, system: Callable[[list[Any]], list[Any]], x: Balls) -> Any:
         """Return the Jacobian of a system, an ``arb_mat``."""
@@ -262,22 +87,6 @@ class BallProblem:
         moved = arb_series([x[i], 1], prec=2)
         rows = system([*x[:i], moved, *x[i + 1 :]])
         return [row[1] if isinstance(row, arb_series) else arb(0) for row in rows]
-
-
-def _residuals(flights: Iterable[Flight]) -> Balls:
-    return [row for flight in flights for row in flight[0]]
-
-
-def _dot(a: Iterable[Any], b: Iterable[Any]) -> Any:
-    return sum((x * y for x, y in zip(a, b, strict=True)), arb(0))
-
-
-def _determinant(block: Sequence[Any]) -> Any:
-    """Of a block of two rows, as a number or a series; of a larger one, as a number."""
-    if len(block) == 4:
-        return block[0] * block[3] - block[1] * block[2]
-    size = round(len(block) ** 0.5)
-    return arb_mat(size, size, list(block)).det()
 
 
 # Krawczyk's test: a zero of a system exists, and is the only one, in a box.

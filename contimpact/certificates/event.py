@@ -21,7 +21,7 @@ from ..results.branch import Entry, orbit_of
 from ..results.entry_conversion import details_of
 from ..results.tables import coordinates
 from .equations import BallProblem, Balls, crosses, krawczyk, prove_zero
-from .orbit import Orbit, QuietBalls, ball_problem, stops_at_once
+from .orbit import Orbit, stops_at_once
 
 # An impact at rest without which the orbit has none: proven by the grazing of the word `0`.
 #
@@ -52,7 +52,7 @@ def only_impact_rests(space: BallProblem, box: Balls, inner: Balls) -> bool:
     state = start.unknowns
     period = base.span(state)
     where = {"wall": guard.name, "touch_time": touch[0] % period}
-    quiet = QuietBalls(base, space.bits)
+    quiet = BallProblem(base, space.bits)
     system, own = quiet.grazing(state, where)
     found = prove_zero(quiet, system, [*state.tolist(), own[0], *touch[2:]])
     return found is not None and _is_same_grazing(quiet, found[1], word.period, box)
@@ -338,7 +338,7 @@ def _prove_existence(
     entry: Entry, problem: OrbitProblem, bits: int, boxes: Boxes
 ) -> tuple[Orbit, Balls, Balls]:
     """Existence and uniqueness in a box that holds what is recorded."""
-    space, details, kind = ball_problem(problem, bits), details_of(entry), kind_of(entry.kind)
+    space, details, kind = BallProblem(problem, bits), details_of(entry), kind_of(entry.kind)
     recorded = recorded_unknowns(entry, problem)
     equations = kind.in_many_digits(space, recorded, details)
     if equations is None:

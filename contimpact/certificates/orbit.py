@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from flint import acb, acb_mat, acb_poly, arb, arb_mat, arb_series
 
-from ..arrays import Array
-from ..bifurcations.kind import Kind, System
+from ..bifurcations.kind import Kind
 from ..bifurcations.sliding import (
     CROSSING,
     SWITCHING,
@@ -25,10 +24,10 @@ from ..bifurcations.sliding import (
     sliding_kind_of_zero_duration,
     sliding_kind_of_zero_velocity,
 )
-from ..continuation.branch import Details
 from ..models.guards import Guard
 from ..models.word import Word
 from ..orbits.problem import OrbitProblem
+from ..orbits.quiet import problem_of
 from ..segments.arithmetic import evaluate_in
 from ..segments.ball_flow import number
 from ..segments.balls import turns
@@ -238,41 +237,6 @@ BEFORE = 0.43
 """The part of the orbit that is looked at before its touch."""
 
 
-def ball_problem(problem: OrbitProblem, bits: int) -> BallProblem:
-    """Return the equations of a word in balls, `0` among them."""
-    return (BallProblem if problem.word.walls else QuietBalls)(problem, bits)
-
-
-class QuietBalls(BallProblem):
-    """The equations of orbits without impacts; see `contimpact.orbits.quiet`.
-
-    The unknowns are the state at the time zero and the followed parameter.
-    """
-
-    def impacts(self, z: Any) -> list[Balls]:
-        """Return the impacts: none."""
-        return []
-
-    def flights(self, z: Any) -> list[Flight]:
-        """Return residual and blocks of the flight through all periods."""
-        state = list(z[: self.problem.m])
-        rows = self._segments[0](state, state, self.values(z))
-        residual, first, last, free = ([number(x) for x in row] for row in rows)
-        return [(residual, first, last, free)]
-
-    def grazing(self, z: Array, details: Details) -> System:
-        """F = 0, and the orbit touches a guard with zero velocity."""
-        m, n = self.problem.m, self.problem.n
-        reach = self.problem.kernels.segment(SECTION, details["wall"]).over(self.arithmetic)
-
-        def system(x: list[Any]) -> list[Any]:
-            touch = [x[n + 1], arb(0), *x[n + 2 :]]
-            rows = reach(x[:m], touch, self.values(x[: n + 1]))[0]
-            return [*self.residual(x[: n + 1]), *map(number, rows)]
-
-        return system, [float(details["touch_time"]), *[0.0] * (m - 2)]
-
-
 class QuietGap(Gap):
     """The gap to a guard through all periods of an orbit without impacts; arguments as of `Gap`."""
 
@@ -420,7 +384,11 @@ class Orbit:
         )
         if found is None:
             raise ValueError("the state of the orbit without impacts is not isolated")
-        return space.quiet_flight(found[1], values)
+        quiet = problem_of(problem.model, Word("", problem.word.period), problem.kernels)
+        (flight,) = BallProblem(quiet, space.bits).flights([*found[1], self.z[-1]])
+        if not all(x.contains(0) for x in flight[0]):
+            raise ArithmeticError("the orbit without impacts is not closed")
+        return flight
 
     # Physicality.
 

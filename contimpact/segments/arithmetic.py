@@ -47,6 +47,10 @@ class Kernel(Protocol):
     def __call__(self, *arguments: Number) -> Any: ...
 
 
+def _same(number: Number) -> Number:
+    return number
+
+
 @dataclass(frozen=True)
 class Arithmetic:
     """What the names in a kernel stand for."""
@@ -56,6 +60,10 @@ class Arithmetic:
     besides."""
     exact: bool = False
     """Whether constants are looked up among the names, rather than taken as floats."""
+    number: Callable[[Number], Number] = _same
+    """Makes a number of it of a double, or of a number that it is already."""
+    time: Callable[[Number], Number] = _same
+    """Makes what a kernel may reduce to the forcing's period of the time of an impact."""
 
 
 def evaluate_in(kernel: Kernel, arithmetic: Arithmetic) -> Callable[..., Any]:

@@ -199,7 +199,7 @@ def balls(bits: int) -> Arithmetic:
     names |= {f"stumpffs{n}": functools.partial(_together, n) for n in TOGETHER}
     names |= {f"transients{order}": transients(order) for order in TABLES}
     names["flow"] = flow
-    return Arithmetic(names | PLAIN, exact=True)
+    return Arithmetic(names | PLAIN, exact=True, number=number, time=Time)
 
 
 INTEGRATED = "its flights are integrated"

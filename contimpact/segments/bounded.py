@@ -37,7 +37,7 @@ def many_digits(ctx: Any) -> Arithmetic:
     names |= {f"transients{order}": transients(ctx, order) for order in TABLES}
     names |= linear_flow.multiprecision_functions(ctx) | integration.multiprecision_functions(ctx)
     constants = {"pi": +ctx.pi, "ratio": lambda above, below: ctx.mpf(above) / below}
-    return Arithmetic(names | constants, exact=True)
+    return Arithmetic(names | constants, exact=True, number=ctx.convert)
 
 
 def _stumpff(ctx: Any, k: int) -> Callable[[Number], Number]:

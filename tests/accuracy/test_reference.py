@@ -39,7 +39,7 @@ def test_kernels_in_many_digits(pair, exact, walls, forcing):
     reference = Reference(problem, 40)
     values = [reference.ctx.mpf(v) for v in model.values.values()]
     ends = [reference.ctx.mpf(x) for x in POINT]
-    found, *_ = reference.flight(*walls)(*ends, *values)
+    found, *_ = reference.kernel(*walls)(*ends, *values)
     expected, sizes = exact(model, *walls, POINT)
     bound = 1e-15 if "exp" in forcing else 1e-45  # a sampled series has coefficients in doubles
     for a, b, size in zip(found, expected, sizes, strict=True):
@@ -51,7 +51,7 @@ def test_kernels_of_the_oscillator(exact, oscillator):
     problem = OrbitProblem(model, Word("S"), Kernels(model, "sigma"))
     reference = Reference(problem, 40)
     values = [reference.ctx.mpf(v) for v in model.values.values()]
-    found, *_ = reference.flight("S", "S")(*[reference.ctx.mpf(x) for x in POINT], *values)
+    found, *_ = reference.kernel("S", "S")(*[reference.ctx.mpf(x) for x in POINT], *values)
     expected, sizes = exact(model, "S", "S", POINT)
     for a, b, size in zip(found, expected, sizes, strict=True):
         assert abs(mpmath.mpf(a) - b) < 1e-40 * size

@@ -74,7 +74,7 @@ def test_no_kernel_is_off_by_more_than_its_bound(name):
             t0, v0, v1 = rng.normal(size=3).tolist()
             point = [t0, v0, t0 + rng.uniform(0.05, 5.0), v1, *model.values.values()]
             values, bounds = bounds_of_kernel(problem.kernels.flight(a, b), point)
-            truth = exact.flight(a, b)(*map(exact.ctx.mpf, point))
+            truth = exact.kernel(a, b)(*map(exact.ctx.mpf, point))
             off = [abs(float(t - v)) for t, v in zip(flat(truth), flat(values), strict=True)]
             pairs = list(zip(off, flat(bounds), strict=True))
             assert all(o <= bound for o, bound in pairs)
