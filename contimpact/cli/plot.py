@@ -15,6 +15,7 @@ from ..results.branch import model_at
 from ..results.catalogue import load_diagram
 from ..results.diagram import Diagram
 from ..results.diagram_reading import sentence_of
+from ..results.fractions import read_fractions
 from ..results.options import FORMATS, PlotOptions
 from ..results.result_folder import MANIFEST, WANTED, kept_still, read_json
 from ..results.scene import Scene, load_scene, read_scene, systems_of
@@ -69,6 +70,8 @@ def _draw(
         from ..plots.attractors import plot_sweep
         from ..simulation.files import sweep_of
 
+        if is_there(folder / "fractions.csv"):
+            chosen["fractions"] = read_fractions(folder / "fractions.csv")[1]
         ax = plot_sweep(sweep_of(folder / "sweep.csv", model), diagram=diagram, **chosen)
         write_heading(ax.figure, heading(diagram))
     else:

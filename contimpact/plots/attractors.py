@@ -24,6 +24,7 @@ from ..models.model import Model
 from ..orbits.orbit import Orbit
 from ..results.branch import Branch
 from ..results.diagram import Diagram
+from ..results.fractions import Share, shorten_names
 from ..results.quantities import branch_voltages, direction_text
 from ..simulation.attractor import Attractor, Kind
 from ..simulation.basins import Basins
@@ -316,6 +317,7 @@ def plot_sweep(
     xlim: tuple[float, float] | None = None,
     ylim: tuple[float, float] | None = None,
     unit: str = "",
+    fractions: Sequence[Share] = (),
     **options: Any,
 ) -> Any:
     """Draw attractors as open circles, with branches over them if there are any.
@@ -334,6 +336,8 @@ def plot_sweep(
         All that was swept by default.
     unit : str
         Of x.
+    fractions : sequence of Share
+        Basin fractions, drawn as stacked bands below; not in axes that are given.
     **options
         Of `contimpact.plots.diagram.plot_diagram`.
 
@@ -381,9 +385,17 @@ def plot_sweep(
         ax.set_ylabel("impact velocity (before impact)")
     if ways:
         _name_attractors(ax, sweep, ways[0], x, widen=ylim is None)
-    style.draw_legend(ax, entries)
+    below = None
+    if own and fractions:
+        below = style.axes_below(ax)
+        values = sorted({share.value for share in fractions})
+        drawn = {v: sweep.model.replace(**{sweep.parameter: v})[x] for v in values}
+        entries += _draw_bands(below, fractions, drawn)
+        below.set_xlim(*ax.get_xlim())
+        _label(below, x, unit, "basin\nfraction")
+    style.draw_legend(below or ax, entries)
     if own:
-        style.fit(ax)
+        style.fit(ax, below)
     return ax
 
 
@@ -722,26 +734,39 @@ def plot_fractions(
     ax = ax or style.new_figure(7.2, 3.6).add_subplot()
     name = x or found.parameter
     places = [next(iter(there.values())).parameters[name] for there in found.attractors]
-    tops = np.cumsum(found.fractions, axis=1)
-    low, high = found.intervals
-    handles = []
-    for k, motion in enumerate(found.motions):
-        look: dict[str, Any] = {"facecolor": (*_rgb(SPOTS[k % len(SPOTS)]), 0.45)}
-        look |= {"edgecolor": "0.35", "linewidth": 0.4, "hatch": HATCHES[k % len(HATCHES)]}
-        under = tops[:, k] - found.fractions[:, k]
-        ax.fill_between(places, under, tops[:, k], **look)
-        inside = (found.counts[:, k] > 0) & (tops[:, k] < 1.0)
-        errors = np.abs(np.array([low[:, k], high[:, k]]) - found.fractions[:, k])[:, inside]
-        bars = {"fmt": "none", "ecolor": "k", "elinewidth": 0.8, "capsize": 2.0}
-        ax.errorbar(np.array(places)[inside], tops[inside, k], errors, **bars)
-        handles.append(Patch(**look, label=plain_text(motion, 30)))
-    ax.set_ylim(0.0, 1.0)
+    handles = _draw_bands(ax, found.shares, dict(zip(found.values, places, strict=True)))
     ax.set_xlim(min(places), max(places))
     counted = f"{found.starts} starts, {100 * found.confidence:g} % intervals"
     ax.set_title(counted, fontsize=8, loc="right")
     _label(ax, name, unit, "basin fraction")
     _legend(ax, handles)
     return ax
+
+
+def _draw_bands(ax: Any, shares: Sequence[Share], places: Mapping[float, float]) -> list[Any]:
+    """Draw stacked bands at the places of the values; returns what a legend has of them."""
+    handles, x = [], np.array(list(places.values()))
+    under = np.zeros(len(x))
+    for number in sorted({share.motion for share in shares}):
+        own = {share.value: share for share in shares if share.motion == number}
+        k = number - 1
+        look: dict[str, Any] = {"facecolor": (*_rgb(SPOTS[k % len(SPOTS)]), 0.45)}
+        look |= {"edgecolor": "0.35", "linewidth": 0.4, "hatch": HATCHES[k % len(HATCHES)]}
+        none = Share(math.nan, "", 0.0, low=0.0, high=0.0)
+        part, low, high = np.array(
+            [(s.fraction, s.low, s.high) for s in (own.get(value, none) for value in places)]
+        ).T
+        top = under + part
+        ax.fill_between(x, under, top, **look)
+        inside = (part > 0.0) & (top < 1.0 - 1e-9)
+        bars = {"fmt": "none", "ecolor": "k", "elinewidth": 0.8, "capsize": 2.0}
+        errors = np.array([part - low, high - part])[:, inside]
+        ax.errorbar(x[inside], top[inside], errors, **bars)
+        names = shorten_names([own[value].notation for value in places if value in own])
+        handles.append(Patch(**look, label=plain_text(names, 30)))
+        under = top
+    ax.set_ylim(0.0, 1.0)
+    return handles
 
 
 @explain_arguments
@@ -810,6 +835,8 @@ def save_simulation(result: Simulation, folder: Path, options: PlotOptions) -> l
     choices: dict[str, Any] = {"xlim": options.xlim or None, "ylim": options.ylim}
     if result.diagram:
         choices |= {"unphysical": options.unphysical, "labels": options.labels}
+    if result.fractions is not None:
+        choices["fractions"] = result.fractions.shares
     swept = plot_sweep(sweep, x=options.x, diagram=result.diagram, unit=unit, **choices)
     exponents = plot_exponents(sweep, x=options.x, unit=unit)
     figures: dict[str, Any] = {"attractors": swept.figure, "exponents": exponents.figure}

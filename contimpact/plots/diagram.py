@@ -72,6 +72,8 @@ NEUTRAL = "h"
 SIZE = (7.2, 5.6)
 AXES = (1.0, 1.2, 5.9, 3.1)
 """A diagram's figure, and in it the axes (left, bottom, width, height), in inches."""
+BELOW = 0.26, 0.8
+"""How far below them the axes of `axes_below` are, and how high."""
 
 
 @explain_arguments
@@ -224,18 +226,33 @@ def colours_of(names: Sequence[str]) -> dict[str, str]:
     return {name: found.get(name, NO_WALL) for name in names}
 
 
-def fit(ax: Any) -> None:
-    """Make the figure of `fixed_axes` as high as labels and legend need."""
+def axes_below(ax: Any) -> Any:
+    """Return flat axes below those of `fixed_axes`, which share its x axis and take its legend."""
+    left, bottom, width, _ = ax.get_position().bounds
+    low, high = (part / ax.figure.get_figheight() for part in BELOW)
+    below = ax.figure.add_axes((left, bottom - low - high, width, high))
+    ax.tick_params(labelbottom=False)
+    ax.set_xlabel("")
+    if (legend := ax.get_legend()) is not None:
+        legend.remove()
+    return below
+
+
+def fit(ax: Any, lowest: Any = None) -> None:
+    """Make the figure of `fixed_axes`, and of `axes_below`, as high as labels and legend need."""
     figure, dots = ax.figure, ax.figure.dpi
     figure.draw_without_rendering()
     frame = ax.get_window_extent()
     texts = [t for t in ax.texts if t.get_gid() == "event"]
     above = max([0.0, *(Text.get_window_extent(t).y1 - frame.y1 for t in texts)]) / dots + 0.3
-    below = (frame.y0 - ax.get_legend().get_window_extent().y0) / dots + 0.06
+    below = (frame.y0 - (lowest or ax).get_legend().get_window_extent().y0) / dots + 0.06
     left, _, width, height = AXES
     wide, high = SIZE[0], below + height + above
     figure.set_size_inches(wide, high)
     ax.set_position((left / wide, below / high, width / wide, height / high))
+    if lowest is not None:
+        gap, low = BELOW
+        lowest.set_position((left / wide, (below - gap - low) / high, width / wide, low / high))
 
 
 def heading(diagram: Diagram) -> str:
