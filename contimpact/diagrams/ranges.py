@@ -22,14 +22,16 @@ import numpy as np
 from ..display import NotebookResult, Summary, frame
 from ..errors import InputError, explain_arguments
 from ..models.model import Model
+from ..models.word import Word, is_rotation
 from ..results.branch import Branch, Entry, model_at
 from ..results.catalogue import check_reading, load_diagram
 from ..results.diagram import Diagram
 from ..results.diagram_reading import Interval
 from ..results.fractions import Share, read_fractions, shorten_names
 from ..results.result_folder import read_json
+from ..segments.kernels import Kernels
 from ..simulation.attractor import Attractor, Kind
-from ..simulation.basins import Coverage, cover
+from ..simulation.basins import Coverage, begins_with, cover, orbits_on
 from ..simulation.files import COVERAGE, TRANSITIONS, sweep_of
 from ..simulation.sweep import Row, Sweep
 from ..storage.files import is_there
@@ -292,7 +294,7 @@ def attractor_ranges(
             notes.append(f"simulated from {min(swept):.9g} to {max(swept):.9g} only")
         values += swept
     low, high = float(min(values)), float(max(values))
-    shares = list(fractions)
+    shares = _on_branches(fractions, diagram, sweep)
     ranges = _cut(motions, low, high, shares)
     notes += _unlisted(ranges, parameter, shares)
     return Ranges(diagram.name, parameter, ranges, motions, notes)
@@ -528,13 +530,49 @@ def _cut(
     return found
 
 
+def _on_branches(fractions: Iterable[Share], diagram: Diagram, sweep: Sweep | None) -> list[Share]:
+    """The shares, with the branches on which their orbits lie; by notation where no system is
+    known."""
+    shares = list(fractions)
+    if not any(share.word for share in shares) or not diagram.branches:
+        return shares
+    try:
+        model = sweep.model if sweep else model_at(diagram.branches[0], 0)
+    except InputError:
+        return [share._replace(word="") for share in shares]
+    parameter = diagram.branches[0].parameter
+    about, kernels = Sweep(model, parameter, []), Kernels(model, parameter)
+    found = []
+    for share in shares:
+        word = Word(share.word, share.period)
+        branches = (
+            branch.id
+            for branch in diagram.branches
+            if share.word and branch.period == word.period and is_rotation(branch.word, word.walls)
+            for orbit in orbits_on(branch, about, share.value, kernels)
+            if begins_with(orbit, word, (share.time, share.velocity))
+        )
+        found.append(share._replace(branch=next(branches, None)))
+    return found
+
+
+def _owners(share: Share, here: Sequence[Motion]) -> list[Motion]:
+    """The motions in a range that a share may be of: those of its branch, or of its notation if its
+    orbit is not known, or else those that simulation alone shows."""
+    mine = [
+        m
+        for m in here
+        if m.branch and (m.branch == share.branch if share.word else m.notation == share.notation)
+    ]
+    return mine or [m for m in here if m.branch is None]
+
+
 def _unlisted(ranges: Sequence[Range], parameter: str, shares: Sequence[Share]) -> list[str]:
     """Remarks on motion that random starts lead to and neither a branch nor the sweep has."""
     found = []
     for share in shares:
         here = next((r for r in ranges if r.low <= share.value <= r.high), None)
-        motions = [one.motion for one in here.observed] if here else []
-        if not any(m.branch is None or m.notation == share.notation for m in motions):
+        if not (here and _owners(share, [one.motion for one in here.observed])):
             part = (
                 f"{_percent((share.fraction, share.fraction))} of starts lead to {share.notation}"
             )
@@ -546,12 +584,12 @@ def _observed(
     motion: Motion, here: Sequence[Motion], low: float, high: float, shares: Sequence[Share]
 ) -> Observed:
     """An attractor in a range, with its basin fractions where these are told apart."""
-    named = [m.notation for m in here if m.branch]
     parts = dict.fromkeys((share.value for share in shares if low <= share.value <= high), 0.0)
-    for share in shares:
-        mine = share.notation == motion.notation if motion.branch else share.notation not in named
-        if share.value in parts and mine:
+    apart = True
+    for share in (share for share in shares if share.value in parts):
+        owners = _owners(share, here)
+        if any(owner is motion for owner in owners):
+            apart = apart and len(owners) == 1
             parts[share.value] += share.fraction
-    apart = named.count(motion.notation) < 2 if motion.branch else len(named) > len(here) - 2
     given = (min(parts.values()), max(parts.values())) if parts and apart else None
     return Observed(motion, motion.speed(low, high), given)

@@ -358,6 +358,8 @@ class _Director:
                 rng=options.seed,
                 progress=self.progress,
             )
+            if self.result.fractions.interrupted:
+                raise KeyboardInterrupt
 
 
 def _key_of(pair: tuple[Row, Row]) -> tuple[str, float]:

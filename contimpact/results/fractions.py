@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,12 +28,26 @@ class Share(NamedTuple):
     low: float = 0.0
     high: float = 1.0
     """`low`, `high`: the interval of the fraction."""
+    word: str = ""
+    period: int = 0
+    time: float = math.nan
+    velocity: float = math.nan
+    """`word`, `period`, `time`, `velocity`: of a periodic motion, with those of its first impact;
+    the word is empty otherwise."""
+    branch: str | None = None
+    """The branch on which this orbit was found to lie."""
 
     @classmethod
     def of(cls, row: Sequence[Any]) -> Share:
-        """Return the share of a row of the table."""
-        value, motion, notation, _, part, low, high = row
-        return cls(float(value), notation, float(part), int(motion), float(low), float(high))
+        """Return the share of a row of the table; rows of version 0.2 have no orbits."""
+        value, motion, notation, _, part, low, high, *orbit = row
+        found = cls(float(value), notation, float(part), int(motion), float(low), float(high))
+        if not orbit or not orbit[0]:
+            return found
+        word, period, time, velocity = orbit
+        return found._replace(
+            word=word, period=int(period), time=float(time), velocity=float(velocity)
+        )
 
 
 def shorten_names(names: Sequence[str]) -> str:

@@ -440,6 +440,25 @@ def orbits_on(branch: Branch, sweep: Sweep, value: float, kernels: Kernels) -> l
     return found
 
 
+def is_orbit(attractor: Attractor, word: Word, impacts: Array) -> bool:
+    """Whether an attractor is the orbit of a word with these impacts, shape (N, m)."""
+    if attractor.kind is not Kind.PERIODIC or attractor.period != word.period:
+        return False
+    return _distance(attractor, word.walls, impacts) < MATCH
+
+
+def begins_with(orbit: Orbit, word: Word, first: tuple[float, float]) -> bool:
+    """Whether an orbit's impacts, begun so that they read as a word, begin with this time and
+    velocity."""
+    walls, period = orbit.word.walls, orbit.period / orbit.word.period
+    for k in range(len(walls)):
+        if walls[k:] + walls[:k] == word.walls:
+            apart = (orbit.times[k] - first[0]) / period, orbit.velocities[k] - first[1]
+            if max(abs(apart[0] - round(apart[0])), abs(apart[1])) < MATCH:
+                return True
+    return False
+
+
 def _distance(attractor: Attractor, word: str, orbit: Array) -> float:
     """Largest difference in phase (in periods) or coordinate, over the rotations of the word."""
     letters = attractor.word or ""

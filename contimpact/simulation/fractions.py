@@ -1,15 +1,17 @@
 """How likely each motion is: basin fractions along a parameter, from random starts in a box.
 
-Attractors at neighbouring values are one motion if their counts of impacts are: 1:1, 1:1/2T and
-1:1/C, which follow each other where a period doubles, are one band; of several with the same counts
-the nearest in phase and velocity. Intervals are those of Clopper and Pearson.
+Attractors at neighbouring values are one motion if the orbit of one, followed to the next value, is
+the other. Where it has ended or become unstable on the way they are if their counts of impacts are:
+1:1, 1:1/2T and 1:1/C, which follow each other where a period doubles, are one band; of several with
+the same counts the nearest in phase and velocity. Intervals are those of Clopper and Pearson.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +20,8 @@ from ..arrays import Array
 from ..display import NotebookResult, Summary, frame
 from ..errors import InputError, explain_arguments
 from ..models.model import Model
+from ..orbits.orbit import Orbit
+from ..orbits.search import solve_near
 from ..progress import Asked, progress_lines
 from ..results.fractions import FRACTIONS, Share, shorten_names
 from ..results.simulate_tables import (
@@ -28,8 +32,8 @@ from ..results.simulate_tables import (
 )
 from ..segments.kernels import Kernels
 from ..storage.texts import csv_text
-from .attractor import Attractor
-from .basins import attractor_numbers, parts_of
+from .attractor import Attractor, Kind
+from .basins import attractor_numbers, is_orbit, parts_of
 from .run import OutsideError, State
 from .settle import settle
 from .simulator import Simulator
@@ -39,7 +43,11 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 OTHER = 1e3
-"""More than any distance between attractors: that of motions with different counts of impacts."""
+"""More than any distance between attractors: that of different motions."""
+STEPS = 100
+"""Solutions tried at most on the way of an orbit from one value to the next."""
+OFF = 0.1
+"""Part of a step along the tangent by which the orbit may be beside it."""
 POINTS = 200
 """Impacts of an attractor that are compared."""
 DRAWS = 1000
@@ -130,6 +138,8 @@ class BasinFractions(NotebookResult):
     attractors: list[dict[int, Attractor]] = field(repr=False)
     """For each value the attractors, by the number of their motion."""
     confidence: float = 0.95
+    interrupted: bool = False
+    """Whether the keyboard interrupted, so that values are missing."""
 
     @property
     def fractions(self) -> Array:
@@ -180,9 +190,10 @@ class BasinFractions(NotebookResult):
         ends = zip(self.values, self.values[1:], apart, strict=False)
         return [0.5 * (a + b) for a, b, differ in ends if differ]
 
-    def rows(self) -> list[tuple[float, int, str, int, float, float, float]]:
+    def rows(self) -> list[tuple[Any, ...]]:
         """Return rows of value, number of the motion, notation, starts that lead there, their
-        fraction, and its interval."""
+        fraction, its interval, and of a periodic motion word, period, and time and velocity of its
+        first impact."""
         low, high = self.intervals
         return [
             (
@@ -193,6 +204,7 @@ class BasinFractions(NotebookResult):
                 float(self.fractions[i, k]),
                 float(low[i, k]),
                 float(high[i, k]),
+                *_first_impact(there[k]),
             )
             for i, (value, there) in enumerate(zip(self.values, self.attractors, strict=True))
             for k in sorted(there)
@@ -207,7 +219,7 @@ class BasinFractions(NotebookResult):
         """Return the fractions in short."""
         rows = [
             (f"{value:.9g}", name, f"{part:.4g}", f"{low:.3g} to {high:.3g}")
-            for value, _, name, _, part, low, high in self.rows()
+            for value, _, name, _, part, low, high, *_ in self.rows()
         ]
         columns = (self.parameter, "motion", "fraction", f"{100 * self.confidence:g} %")
         return Summary(f"Basin fractions, {self.starts} starts at each value", columns, rows, [])
@@ -227,7 +239,18 @@ def fractions_text(found: BasinFractions) -> str:
     return f"# {comment}\n" + csv_text([found.parameter, *COLUMNS[1:]], found.rows())
 
 
-COLUMNS = ("value", "motion", "notation", "count", "fraction", "low", "high")
+COLUMNS = (
+    *("value", "motion", "notation", "count", "fraction", "low", "high"),
+    *("word", "period", "time", "velocity"),
+)
+
+
+def _first_impact(attractor: Attractor) -> tuple[Any, ...]:
+    """By what an orbit is known again: word, period, and time and velocity of its first impact."""
+    if attractor.kind is not Kind.PERIODIC:
+        return (None,) * 4
+    first = float(attractor.times[0]), float(attractor.velocities[0])
+    return attractor.word, attractor.period, *first
 
 
 @explain_arguments
@@ -271,6 +294,7 @@ def basin_fractions(
     Returns
     -------
     BasinFractions
+        After Ctrl-C with the values counted until then, if there are any.
 
     Raises
     ------
@@ -287,14 +311,19 @@ def basin_fractions(
         raise InputError("confidence", f"found {confidence}", "give a number between 0 and 1")
     simulators = Simulators(model, parameter, Kernels(model, parameter))
     counted: dict[float, tuple[list[Attractor], Array]] = {}
-    with progress_lines(progress, "basin_fractions") as report:
-        for depth in range(refine + 1):
-            for value in given:
-                report(f"{parameter} = {value:.9g}: {starts} starts")
-                counted[value] = _count(simulators.at(value), starts, box, settling, rng)
-            joined = _join(parameter, counted, starts, confidence)
-            given = joined.between() if depth < refine else []
-    return joined
+    join = partial(join_values, simulators, counted, starts, confidence)
+    try:
+        with progress_lines(progress, "basin_fractions") as report:
+            for depth in range(refine + 1):
+                for value in given:
+                    report(f"{parameter} = {value:.9g}: {starts} starts")
+                    counted[value] = _count(simulators.at(value), starts, box, settling, rng)
+                given = join().between() if depth < refine else []
+    except KeyboardInterrupt:
+        if not counted:
+            raise
+        return replace(join(), interrupted=True)
+    return join()
 
 
 def _count(
@@ -332,13 +361,13 @@ def _start(area: StartBox, simulator: Simulator, generator: np.random.Generator)
 # The same motion at neighbouring values.
 
 
-def _join(
-    parameter: str,
+def join_values(
+    simulators: Simulators,
     found: Mapping[float, tuple[list[Attractor], Array]],
     starts: int,
     confidence: float,
 ) -> BasinFractions:
-    """Number motions along all values: each attractor goes on with the nearest one before."""
+    """Number motions along all values: each attractor continues the nearest one before."""
     from scipy.optimize import linear_sum_assignment
 
     values = sorted(found)
@@ -347,8 +376,9 @@ def _join(
     attractors: list[dict[int, Attractor]] = []
     for value in values:
         known, counts = found[value]
-        costs = np.array([[_apart(one, other) for other in last] for one in known])
-        costs = costs.reshape(len(known), len(last))
+        costs = np.empty((len(known), len(last)))
+        for number, other in enumerate(last):
+            costs[:, number] = _costs(other, known, simulators, value)
         numbers = {
             int(one): int(number)
             for one, number in zip(*linear_sum_assignment(costs), strict=True)
@@ -362,7 +392,49 @@ def _join(
         rows.append({numbers[one]: int(count) for one, count in enumerate(counts)})
         attractors.append({numbers[one]: attractor for one, attractor in enumerate(known)})
     table = np.array([[row.get(k, 0) for k in range(len(last))] for row in rows])
-    return BasinFractions(parameter, values, starts, table, attractors, confidence)
+    return BasinFractions(simulators.parameter, values, starts, table, attractors, confidence)
+
+
+def _costs(
+    before: Attractor, known: Sequence[Attractor], simulators: Simulators, value: float
+) -> list[float]:
+    """How far each attractor at a value is from continuing one before: by the orbit itself if it
+    can be followed, and else by counts of impacts, phases and velocities."""
+    orbit = None
+    if before.kind is Kind.PERIODIC and any(before.word == one.word for one in known):
+        orbit = _followed(before.orbit(simulators.model, simulators.parameter), value)
+    costs = [_apart(one, before) for one in known]
+    if orbit is None:
+        return costs
+    impacts, stable = orbit.problem.impacts(orbit.unknowns), orbit.stable and orbit.physical
+    for k, one in enumerate(known):
+        if stable or (one.word, one.period) == (before.word, before.period):
+            same = is_orbit(one, orbit.word, impacts)
+            costs[k] = -1.0 if same else OTHER
+    return costs
+
+
+def _followed(orbit: Orbit, value: float) -> Orbit | None:
+    """The orbit at another value of its parameter, followed along tangents in steps that keep
+    beside them; None if it ends on the way."""
+    part = 1.0
+    for _ in range(STEPS):
+        problem, here = orbit.problem, orbit.linearisation
+        step = part * (value - orbit.value)
+        if step == 0.0:
+            return orbit
+        at = here.jacobian[:, : problem.n], here.jacobian[:, problem.n]
+        try:
+            along = np.append(-np.linalg.solve(*at), 1.0) * step
+        except np.linalg.LinAlgError:
+            return None
+        there = solve_near(problem, orbit.unknowns + along)
+        off = np.inf if there is None else np.max(np.abs(there.unknowns - orbit.unknowns - along))
+        if there is None or off > OFF * np.max(np.abs(along)):
+            part *= 0.5
+        else:
+            orbit, part = Orbit(problem, there), min(2.0 * part, 1.0)
+    return None
 
 
 def _apart(one: Attractor, other: Attractor) -> float:

@@ -129,6 +129,17 @@ def test_fractions_belong_to_motions(diagram):
     assert "2:1 on b2 (37 % of starts)" in repr(found)
 
 
+def test_fractions_belong_to_the_branches_of_their_orbits(diagram):
+    orbits = ci.find_orbits(PAIR.replace(s=0.33), "2:1", "s")
+    orbit = next(o for o in orbits if o.stable and o.physical)
+    share = Share(0.33, "2:1", 1.0, word="BBT", period=1, time=orbit.times[0] + 2.0)
+    own, other = (share._replace(velocity=orbit.velocities[0] + off) for off in (0.0, 1e-3))
+    assert attractor_ranges(diagram, fractions=[own]).at(0.33).observed[0].fractions == (1.0, 1.0)
+    found = attractor_ranges(diagram, fractions=[other])
+    assert found.at(0.33).observed[0].fractions == (0.0, 0.0)
+    assert "s = 0.33: 100 % of starts lead to 2:1, on no branch and in no sweep" in found.notes
+
+
 def test_a_closed_branch_has_no_end_where_it_was_begun():
     """1:0 of two masses is a loop, followed from omega = 1.8."""
     found = load_ranges(ROOT / "branches/two_masses")

@@ -11,10 +11,15 @@ import pytest
 from scipy import stats
 from zoo import TWO_MASSES
 
+import contimpact as ci
 from contimpact.cli import main
 from contimpact.errors import InputError
-from contimpact.simulation.fractions import basin_fractions, start_box
+from contimpact.plots.attractors import plot_sweep
+from contimpact.simulation import fractions
+from contimpact.simulation.fractions import basin_fractions, join_values, start_box
+from contimpact.simulation.settle import settle_again
 from contimpact.simulation.simulator import Simulator
+from contimpact.simulation.sweep import Simulators, find_attractors, sweep
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
 from contimpact.systems.two_masses import TwoMasses
@@ -39,6 +44,37 @@ def test_bands_are_motions_whatever_they_are_called(found):
     ]
     assert [row[2] for row in found.rows()] == ["2:1", "2:1", "1:1/C", "1:1/C", "1:1/2T", "1:1"]
     assert "40 starts at 5 values of s" in repr(found)
+
+
+def test_twins_are_matched_by_their_orbits():
+    """Of a level pair 1:1 has a mirror image, with the same counts of impacts."""
+    level = ImpactPair(beta=0.0, r=0.3, A=5.0, s=0.35)
+    simulators = Simulators(level, "s")
+    twins = find_attractors(simulators.at(0.35), 8)
+    assert [one.notation for one in twins] == ["1:1", "1:1"]
+    later = [settle_again(simulators.at(0.352), one) for one in twins]
+    count = np.array([5])
+    for k in (0, 1):
+        for other in (0, 1):
+            counted = {0.35: ([twins[k]], count), 0.352: ([later[other]], count)}
+            found = join_values(simulators, counted, 5, 0.95)
+            assert len(found.motions) == (1 if k == other else 2)
+            assert len(found.tippings) == (0 if k == other else 2)
+
+
+def test_an_interruption_leaves_the_values_counted(monkeypatch):
+    count = fractions._count
+
+    def interrupted(simulator, *given):
+        if simulator.model["s"] == 0.36:
+            raise KeyboardInterrupt
+        return count(simulator, *given)
+
+    monkeypatch.setattr(fractions, "_count", interrupted)
+    found = basin_fractions(PAIR, "s", [0.35, 0.36, 0.38], starts=3)
+    assert (found.values, found.interrupted) == ([0.35], True)
+    with pytest.raises(KeyboardInterrupt):
+        basin_fractions(PAIR, "s", [0.36], starts=3)
 
 
 def test_fractions_are_those_of_a_hundred_thousand_starts():
@@ -141,12 +177,36 @@ def test_a_scene_counts_fractions_and_draws_them(tmp_path, capsys):
         "starts": 5,
         "confidence": 0.95,
     }
-    assert names.split(",") == ["s", "motion", "notation", "count", "fraction", "low", "high"]
-    assert [row.split(",")[:5] for row in rows] == [
-        ["0.35", "1", "2:1", "5", "1.0"],
-        ["0.4", "2", "1:1", "5", "1.0"],
+    columns = "s,motion,notation,count,fraction,low,high,word,period,time,velocity"
+    assert names == columns
+    cells = [row.split(",") for row in rows]
+    assert [row[:5] + row[7:9] for row in cells] == [
+        ["0.35", "1", "2:1", "5", "1.0", "BBT", "1"],
+        ["0.4", "2", "1:1", "5", "1.0", "BT", "1"],
     ]
+    orbits = ci.find_orbits(PAIR, "1:1", "s")
+    first = next([o.times[0], o.velocities[0]] for o in orbits if o.stable and o.physical)
+    assert [float(cell) for cell in cells[1][9:]] == pytest.approx(first, abs=1e-10)
     assert (tmp_path / "out/fractions.png").stat().st_size > 0
+    assert main(["plot", str(tmp_path / "out"), "-o", str(tmp_path / "again.png")]) == 0
+    assert (tmp_path / "again.png").read_bytes()[16:24] == (
+        tmp_path / "out/attractors.png"
+    ).read_bytes()[16:24]  # its size
+
+
+def test_bands_are_drawn_below_the_diagram(found):
+    ax = plot_sweep(sweep(PAIR, "s", [0.4, 0.38, 0.36]), x="d", fractions=found.shares)
+    upper, lower = ax.figure.axes
+    assert upper is ax
+    assert lower.get_xlim() == upper.get_xlim()
+    (left, bottom, width, _), below = (a.get_position().bounds for a in (upper, lower))
+    assert below[::2] == pytest.approx((left, width))
+    assert below[1] + below[3] < bottom
+    paths = [path for band in lower.collections for path in band.get_paths()]
+    heights = {float(y) for path in paths for y in path.vertices[:, 1]}
+    assert {0.0, 1.0, float(found.fractions[1, 0])} <= heights
+    labels = [text.get_text() for text in lower.get_legend().texts]
+    assert labels[-2:] == ["2:1", "1:1/C, 1:1/2T, 1:1"]
 
 
 def test_what_a_scene_says_of_a_box_is_checked(tmp_path, capsys):
