@@ -24,8 +24,8 @@ def order_events(events: Iterable[Event]) -> list[Event]:
     """Return events in order along a branch.
 
     Those that their errors do not tell apart, as both touches of a symmetric orbit, are at one
-    place: they stand there in the order of their kinds' names, and of the values of one test
-    function, in both directions.
+    place: they have one arclength, and stand there in the order of their kinds' names, and of the
+    values of one test function, in both directions.
     """
     places: list[list[Event]] = []
     for event in sorted(events, key=lambda e: e.point.arclength):
@@ -55,10 +55,9 @@ def _coincide(a: Event, b: Event) -> bool:
 
 
 def _rank_events(place: Sequence[Event]) -> list[Event]:
-    """The events of one place in order; their arclengths rise as they did before."""
+    """The events of one place in order, at the first one's arclength."""
     ranked = sorted(place, key=lambda e: (e.kind, int(e.details.get("index", 0))))
-    lengths = [event.point.arclength for event in place]
-    return [event.moved_to(length) for event, length in zip(ranked, lengths, strict=True)]
+    return [event.moved_to(place[0].point.arclength) for event in ranked]
 
 
 @dataclass(frozen=True, eq=False)

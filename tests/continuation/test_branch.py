@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from contimpact.continuation.branch import Block, Point, Points, Walk, join_walks
+from contimpact.continuation.branch import Block, Event, Point, Points, Walk, join_walks
 from contimpact.continuation.ends import End, EndKind
 from contimpact.diagrams.orbit_branch import continue_orbit
 
@@ -105,6 +105,17 @@ def test_two_walks_are_joined_in_order():
     assert places(points) == list(range(25))
     assert points.unknowns[:, 0].tolist() == [*range(12, -1, -1), *range(1, 13)]
     assert events == []
+
+
+@pytest.mark.parametrize("apart", [0.0, 4e-16, -4e-16])
+def test_events_of_one_place_have_one_arclength(apart):
+    """Rounding does not say whether both touches of a symmetric orbit have one row or two."""
+    places = enumerate([3.5, 3.5 + apart])
+    pair = [Event("G", point_at(at), 0.0, 1e-15, "newton", {"index": i}) for i, at in places]
+    end = End(EndKind.RANGE, 0.0, "")
+    _, found = join_walks(Walk([point_at(0)], (), end), Walk(mixed(), pair, end))
+    assert [event.details["index"] for event in found] == [0, 1]
+    assert found[0].point.arclength == found[1].point.arclength
 
 
 @pytest.mark.full
