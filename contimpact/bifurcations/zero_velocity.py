@@ -158,6 +158,7 @@ class V(Kind):
     changes = Change.PHYSICALITY
     finding = WRONG_WAY
     needed = ("impact",)
+    shorter_at = ("PD", "PD-V")
     look = Look("v", "#B8860B")
 
     def test(self, problem: OrbitProblem, values: Values) -> TestFunction[Linearisation]:

@@ -38,7 +38,7 @@ class EndKind(enum.Enum):
     )
     SHORTER = (
         "became {word}, run {times} times, at {parameter} = {value:.12g}; beyond, the same orbits "
-        "come again, whole periods later"
+        "come again, whole periods later, or others that pass a guard"
     )
     SYMMETRIC = (
         "became its own mirror image at {parameter} = {value:.12g}; beyond, the mirror images of "

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -135,8 +135,10 @@ def _chord_spacing(
 # Where the orbits of a curve become shorter ones, run several times: there the curve ends.
 #
 # Beyond, the same orbits come again, whole periods later. So ends the fold of a doubled orbit at a
-# GPD, where the doubling changes its direction, and the grazing of one at a PD-G. Two solutions of
-# the curve's equations cross there, so that the end is solved for on the orbit that is run twice.
+# GPD, where the doubling changes its direction. Its grazing ends at a PD-G, and the zero velocity
+# of one of its impacts at a PD-V: beyond, the other half of the orbit passes the guard. Two
+# solutions of the curve's equations cross there, so that the end is solved for on the orbit that is
+# run twice.
 
 SAME_ORBIT = 1e-6
 """How near an orbit is to a shorter one where it is one."""
@@ -486,7 +488,7 @@ def curve_from_walks(
     last = parameters[-1]
     points, events = join_walks(*walks)
     kinds = {test.kind for test in special}
-    marked = [e for e in events if e.kind in kinds]
+    marked = [e for e in events if e.kind in kinds and not _is_shorter_end(e, walks)]
     codim2 = [_codim2(e, f"{name}.{i}", name) for i, e in enumerate(marked, start=1)]
     marks = [(e.point, e.kind) for e in events if e.kind == REQUESTED]
     marks += [(e.point, p.id) for e, p in zip(marked, codim2, strict=True)]
@@ -501,6 +503,15 @@ def curve_from_walks(
     about = name, problem.kind.name, label, word.walls, word.period, notation, parameters
     evaluations = problem.orbit.kernel_evaluations
     return Curve(*about, columns, ends, codim2, origin, missed, evaluations=evaluations)
+
+
+def _is_shorter_end(event: Event[CurvePoint], walks: Iterable[Walk]) -> bool:
+    """Whether an event is the end at an orbit that repeats a shorter one, where the equations of
+    others are singular: the curve of the shorter orbit has that point."""
+    if not any(walk.end.kind is EndKind.SHORTER for walk in walks):
+        return False
+    orbit = event.point.evaluation.orbit
+    return repeats(orbit.problem, orbit.unknowns, SAME_ORBIT)
 
 
 def clip_rounding(model: Model, name: str, values: ArrayLike) -> Array:

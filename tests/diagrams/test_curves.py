@@ -13,7 +13,7 @@ from zoo import ROOT
 from contimpact.diagrams.curves import follow_curve
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.map_lines import same_curve
-from contimpact.diagrams.orbit_branch import continue_orbit
+from contimpact.diagrams.orbit_branch import continue_born, continue_orbit
 from contimpact.errors import InputError
 from contimpact.models.word import Word
 from contimpact.orbits.quiet import problem_of
@@ -290,6 +290,31 @@ def test_curves_end_with_a_reason_at_the_edges(parameter, limits):
         assert all(end.message for end in curve.ends)
     assert "RANGE" in kinds
     assert kinds <= {"RANGE", "TOUCH", "CLOSED"}
+
+
+@pytest.mark.full
+def test_zero_velocities_of_a_doubled_orbit_end_at_the_pd_v():
+    """Each from its own side at the point that the PD has on the orbit itself, and at no other."""
+    pair = ImpactPair(beta=0.35, r_B=0.34, r_T=0.2266, A=8.127, s=0.4723, M=0.1468, omega=14.03)
+    first, second = (0.25, 0.55), (0.18, 0.65)
+    doubling = next(
+        entry
+        for orbit in find_orbits(pair, "BBT", parameter="r_B")
+        for entry in continue_orbit(orbit, range=first, events=["PD"]).events
+        if entry.ghost
+    )
+    (point,) = follow_curve(doubling, pair, "beta", first, second).points
+    assert point.kind == "PD-V"
+    stops = continue_born(doubling, pair, range=first, events=["V"]).events
+    assert len(stops) == 2
+    for stop in stops:
+        curve = follow_curve(stop, pair, "beta", first, second)
+        (row,) = (
+            k for k, end in zip((0, -1), curve.ends, strict=True) if end.kind.name == "SHORTER"
+        )
+        for name in ("r_B", "beta"):
+            assert curve[name][row] == pytest.approx(point.parameters[name], rel=0, abs=2e-12)
+        assert all(found.error < 1e-10 for found in curve.points)
 
 
 @pytest.mark.full
