@@ -8,14 +8,19 @@ import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..progress import Progress
 from ..results.diagram import Diagram
 from ..results.result_folder import Files, digests_of, manifest_text
 from ..results.scene import Scene
+from ..storage.files import is_there
 from .terminal import ENDING
+
+if TYPE_CHECKING:
+    from ..models.model import Model
+    from ..results.ranges import Motion
 
 
 def require_output(options: argparse.Namespace) -> None:
@@ -107,6 +112,18 @@ def page_wanted(scene: Scene, options: argparse.Namespace) -> bool:
     return bool(scene.plot.html or options.html)
 
 
+def motions_in(folder: Path, diagram: Diagram, model: Model, tell: Progress) -> Sequence[Motion]:
+    """Return the attractors along the parameter, where a folder has branches along one parameter
+    and a simulation."""
+    along = {branch.parameter for branch in diagram.branches}
+    if len(along) != 1 or not is_there(folder / "sweep.csv"):
+        return []
+    from ..diagrams.ranges import load_ranges
+
+    tell("ranges of attractors")
+    return load_ranges(folder, model).motions
+
+
 def add_page(scene: Scene, diagram: Diagram, files: Files, tell: Progress) -> None:
     """Write the page of a run; the attractors of a simulation in the folder are a layer of it."""
     from ..page.data import PageView, remarks_in
@@ -115,4 +132,5 @@ def add_page(scene: Scene, diagram: Diagram, files: Files, tell: Progress) -> No
     plot = scene.plot
     remarks = remarks_in(diagram.statistics, diagram.coverage)
     shown = PageView(plot.x, plot.xlim, plot.ylim, plot.unphysical, scene.source, remarks)
-    files.add(lambda: save_page(diagram, scene.model, files.folder, shown, tell))
+    motions = motions_in(files.folder, diagram, scene.model, tell)
+    files.add(lambda: save_page(diagram, scene.model, files.folder, shown, tell, motions))

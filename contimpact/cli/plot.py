@@ -21,6 +21,7 @@ from ..results.result_folder import MANIFEST, WANTED, kept_still, read_json
 from ..results.scene import Scene, load_scene, read_scene, systems_of
 from ..storage.files import is_there
 from ..telling import telling
+from .console import motions_in
 from .terminal import say
 
 if TYPE_CHECKING:
@@ -103,7 +104,8 @@ def draw_page(
             remarks = remarks_in(manifest, diagram.coverage)
         shown = dataclasses.replace(shown, source=source, remarks=remarks)
     shown = dataclasses.replace(shown, **chosen)
-    write_page(diagram, model, folder, shown, target, tell)
+    motions = motions_in(folder, diagram, model, tell) if model is not None else []
+    write_page(diagram, model, folder, shown, target, tell, motions)
 
 
 def _diagram_in(folder: Path, systems: Mapping[str, type[Model]]) -> Diagram:

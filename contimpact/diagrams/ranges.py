@@ -13,7 +13,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,7 @@ from ..results.catalogue import check_reading, load_diagram
 from ..results.diagram import Diagram
 from ..results.diagram_reading import Interval
 from ..results.fractions import Share, read_fractions, shorten_names
+from ..results.ranges import Bound, Motion
 from ..results.result_folder import read_json
 from ..segments.kernels import Kernels
 from ..simulation.attractor import Attractor, Kind
@@ -41,62 +42,6 @@ from .crises import CR
 RANGES = "contimpact.ranges/1"
 """Schema of the table of ranges."""
 FOLDER = "a folder of contimpact run or simulate"
-
-
-@dataclass(frozen=True)
-class Bound:
-    """Where an attractor begins or ends along the parameter."""
-
-    value: float
-    error: float
-    """Bound of the value's error; half the bracket's width where only simulation shows it."""
-    entry: str | None
-    """The event, by its name in the catalogue."""
-    text: str
-    """What happens there."""
-
-    def __str__(self) -> str:
-        return f"{self.value:.9g}: {self.text}"
-
-
-@dataclass(frozen=True)
-class Motion:
-    """An attractor over all values at which it is known."""
-
-    notation: str
-    branch: str | None
-    """Of its orbits; None for motion that simulation alone shows."""
-    low: Bound
-    high: Bound
-    simulated: int
-    """How many simulated attractors it is."""
-    values: Sequence[float] = field(repr=False)
-    speeds: Sequence[float] = field(repr=False)
-    """`values`, `speeds`: the largest speed before an impact at rising values."""
-
-    def speed(self, low: float, high: float) -> float:
-        """Return the largest impact speed between two values.
-
-        Of orbits it is interpolated between the points of the branch; of simulated motion it is
-        that of the values simulated there, or of both neighbours if there are none. Not a number
-        without impacts.
-        """
-        values, speeds = np.array(self.values), np.array(self.speeds)
-        if not len(values):
-            return math.nan
-        if self.branch:
-            ends = np.interp([low, high], values, speeds)
-        else:
-            first, beyond = np.searchsorted(values, (low, high)).tolist()
-            ends = speeds[max(first - 1, 0) : first + 1] if first == beyond else []
-        inside = speeds[(values >= low) & (values <= high)]
-        return float(max([*inside, *ends], default=math.nan))
-
-    def nearest(self, value: float) -> tuple[float, Bound]:
-        """Return the distance from a value to the nearer end, and that end."""
-        return min(
-            ((abs(end.value - value), end) for end in (self.low, self.high)), key=lambda e: e[0]
-        )
 
 
 @dataclass(frozen=True)
@@ -279,6 +224,7 @@ def attractor_ranges(
         for i in reading.unknown
     ]
     values = [v for b in diagram.branches for v in (b[parameter].min(), b[parameter].max())]
+    shares = _on_branches(fractions, diagram, sweep)
     if sweep is None or not sweep.rows:
         notes.append("complex motion is not known: nothing was simulated (contimpact simulate)")
     else:
@@ -286,7 +232,7 @@ def attractor_ranges(
             coverage = cover(sweep, diagram)
         rest, counts = _split(sweep, coverage, motions)
         motions = [replace(m, simulated=counts[k]) for k, m in enumerate(motions)]
-        simulated, more = _simulated(rest, sweep, diagram, brackets, motions)
+        simulated, more = _simulated(rest, sweep, diagram, brackets, motions, shares)
         motions += simulated
         notes += more
         swept = [row.value for row in sweep.rows]
@@ -294,7 +240,6 @@ def attractor_ranges(
             notes.append(f"simulated from {min(swept):.9g} to {max(swept):.9g} only")
         values += swept
     low, high = float(min(values)), float(max(values))
-    shares = _on_branches(fractions, diagram, sweep)
     ranges = _cut(motions, low, high, shares)
     notes += _unlisted(ranges, parameter, shares)
     return Ranges(diagram.name, parameter, ranges, motions, notes)
@@ -418,6 +363,7 @@ def _simulated(
     diagram: Diagram,
     brackets: Sequence[tuple[float, float]],
     motions: Sequence[Motion],
+    shares: Sequence[Share],
 ) -> tuple[list[Motion], list[str]]:
     """Motions of attractors at neighbouring values that lie on no branch, and remarks."""
     grid = sorted({row.value for row in sweep.rows})
@@ -443,8 +389,9 @@ def _simulated(
         free = all(
             row.attractor.motion is not None or not row.attractor.walls.size for row in settled
         )
+        met = [s.value for s in shares if s.branch is None and s.notation in names]
         low, high = (
-            _edge(grid, run[0 if way < 0 else -1], way, brackets, [] if free else ends[way])
+            _edge(grid, run[0 if way < 0 else -1], way, brackets, [] if free else ends[way], met)
             for way in (-1, +1)
         )
         speeds = [(row.value, _fastest(row.attractor)) for row in settled]
@@ -482,17 +429,20 @@ def _edge(
     way: int,
     brackets: Sequence[tuple[float, float]],
     ends: Sequence[Bound],
+    met: Sequence[float],
 ) -> Bound:
     """Where a run of simulated values ends on one side: an event in the bracket, or its middle.
 
-    A crisis may lie a step away, since transients outlast the attractor. Where several events lie
-    in a step of the sweep, it is too coarse to tell which one it is.
+    The motion is still there at the values at which random starts have met it. A crisis may lie a
+    step away, since transients outlast the attractor. Where several events lie in a step of the
+    sweep, it is too coarse to tell which one it is.
     """
     inner, outer = grid[place], grid[place + way] if 0 <= place + way < len(grid) else math.nan
     if math.isnan(outer):
         return Bound(inner, 0.0, None, "the sweep ends")
+    inner = way * max(way * v for v in (inner, *met) if way * v < way * outer)
     low, high = sorted((inner, outer))
-    step = high - low
+    step = abs(outer - grid[place])
     crises = [e for e in ends if e.text.startswith(CR) and low - step <= e.value <= high + step]
     closer = [(min(b), max(b)) for b in brackets if low <= min(b) < max(b) <= high]
     if closer:

@@ -34,6 +34,7 @@ from ..results.diagram import Diagram
 from ..results.diagram_reading import Reading, read, sentence_of
 from ..results.fractions import Share, shorten_names
 from ..results.quantities import GREEK, PI_BELOW, label_parts
+from ..results.ranges import Motion
 from ..results.tables import coordinates
 from .orbits import Orbits, Tracks, stride
 from .sweeps import SweepSeries, pack_column
@@ -116,6 +117,7 @@ def page_data(
     swept: Sequence[SweepSeries] = (),
     progress: Progress = ignore_progress,
     fractions: tuple[str, Sequence[Share]] | None = None,
+    motions: Sequence[Motion] = (),
 ) -> dict[str, Any]:
     """Return what a page shows.
 
@@ -129,6 +131,8 @@ def page_data(
         Called with a line of text for each branch.
     fractions : (parameter, shares), optional
         Basin fractions along the parameter.
+    motions : sequence of Motion
+        Attractors along the parameter, those of no branch among them.
     """
     derived = model.DERIVED if model else ()
     branches, keys = diagram.branches, keys_of(diagram.curves)
@@ -175,6 +179,7 @@ def page_data(
         "panels": _panels(diagram),
         "swept": [_swept(found, tracks, every) for found in swept],
         "fractions": _bands(*fractions, model) if fractions and model else None,
+        "motions": [_motion(motion, varying[0], model) for motion in motions if model],
     }
 
 
@@ -359,6 +364,9 @@ def _reading(diagram: Diagram, found: Reading) -> dict[str, Any]:
     """What was read, stable runs with their rows."""
     branches = {branch.id: branch for branch in diagram.branches}
     record = {"crises": []} | found.as_record() | {"incomplete": found.incomplete}
+    record["scenarios"] = [
+        {"entry": s.entry, "text": str(s).partition(": ")[2]} for s in found.scenarios
+    ]
     for run in record["stable"]:
         branch = branches[run["branch"]]
         run["rows"] = [_row_at(branch, run["low"]), _row_at(branch, run["high"])]
@@ -480,6 +488,19 @@ def _cycles(found: SweepSeries) -> Orbits:
     impacts = found.sections.reshape(len(found), len(found.word), -1)
     parameters: Mapping[str, Array] = found.parameters
     return Orbits(found.word, found.period or 1, parameters, impacts)
+
+
+def _motion(motion: Motion, parameter: str, model: Model) -> dict[str, Any]:
+    """An attractor along the parameter, with its ends in words."""
+    ends = motion.low, motion.high
+    there = [model.replace(**{parameter: end.value}) for end in ends]
+    speed = motion.speed(motion.low.value, motion.high.value)
+    return {
+        "notation": motion.notation,
+        "branch": motion.branch,
+        "columns": {name: [m[name] for m in there] for name in (parameter, *model.DERIVED)},
+        "said": f"impacts at up to {speed:.4g}; ends: {ends[0]}; {ends[1]}",
+    }
 
 
 def _bands(parameter: str, shares: Sequence[Share], model: Model) -> dict[str, Any]:

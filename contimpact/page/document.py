@@ -19,6 +19,7 @@ from ..progress import Progress, ignore_progress
 from ..results.diagram import Diagram
 from ..results.fractions import Share, read_fractions
 from ..results.quantities import NO_WALL, WALLS, WALLS_ON_DARK
+from ..results.ranges import Motion
 from ..results.result_folder import reading
 from ..storage.files import is_there, write, write_all
 from .data import PageView, page_data
@@ -49,8 +50,10 @@ def page_text(
     swept: Sequence[SweepSeries] = (),
     progress: Progress = ignore_progress,
     fractions: tuple[str, Sequence[Share]] | None = None,
+    motions: Sequence[Motion] = (),
 ) -> str:
     """Return the page; takes the arguments of `data.page_data`."""
+    shown_in_page = diagram, model, shown, swept, progress, fractions, motions
     style = _fill_template(_asset("page.css"), PALETTE)
     library = _asset(LIBRARY)
     script = "\n".join(
@@ -61,7 +64,7 @@ def page_text(
         "title": html.escape(f"{printable(diagram.name)} - contimpact"),
         "style": style,
         "library": library,
-        "data": script_json(page_data(diagram, model, shown, swept, progress, fractions)),
+        "data": script_json(page_data(*shown_in_page)),
         "script": script,
     }
     return _fill_template(_asset("page.html"), parts)
@@ -77,9 +80,10 @@ def save_page(
     folder: Path,
     shown: PageView,
     progress: Progress = ignore_progress,
+    motions: Sequence[Motion] = (),
 ) -> list[str]:
     """Write the page of a folder, with its attractors if there are any; returns its name."""
-    found = attractors_in(folder, model), progress, fractions_in(folder)
+    found = attractors_in(folder, model), progress, fractions_in(folder), motions
     return write_all(folder, {NAME: lambda: page_text(diagram, model, shown, *found)})
 
 
@@ -90,6 +94,7 @@ def write_page(
     shown: PageView,
     target: Path,
     progress: Progress = ignore_progress,
+    motions: Sequence[Motion] = (),
 ) -> None:
     """Write the page of a folder to a file.
 
@@ -97,7 +102,7 @@ def write_page(
     its manifest.
     """
     with reading(folder):
-        found = attractors_in(folder, model), progress, fractions_in(folder)
+        found = attractors_in(folder, model), progress, fractions_in(folder), motions
     write(target, page_text(diagram, model, shown, *found))
 
 

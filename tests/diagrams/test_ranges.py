@@ -129,6 +129,16 @@ def test_fractions_belong_to_motions(diagram):
     assert "2:1 on b2 (37 % of starts)" in repr(found)
 
 
+def test_motion_lasts_as_far_as_random_starts_have_met_it(diagram):
+    """The sweep steps over the fold of 2:1 at 0.356895 and the crisis at 0.355220."""
+    rows = sweep(PAIR, "s", [0.36, 0.3575, 0.355])
+    low = attractor_ranges(diagram, rows).at(0.3575).observed[-1].motion.low
+    assert low.text == "FB e4, where simulation has it"
+    met = [Share(0.3565, "1:1/C", 0.6), Share(0.3565, "2:1", 0.4)]
+    low = attractor_ranges(diagram, rows, fractions=met).at(0.3575).observed[-1].motion.low
+    assert low.text == "simulated between 0.355 and 0.3565"
+
+
 def test_fractions_belong_to_the_branches_of_their_orbits(diagram):
     orbits = ci.find_orbits(PAIR.replace(s=0.33), "2:1", "s")
     orbit = next(o for o in orbits if o.stable and o.physical)

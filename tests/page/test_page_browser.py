@@ -28,6 +28,7 @@ from contimpact.page.document import FOLDER, LIBRARY, page_text
 from contimpact.page.notebook import view
 from contimpact.page.sweeps import read_sweep
 from contimpact.results.fractions import Share
+from contimpact.results.ranges import Bound, Motion
 from contimpact.results.scene import read_scene
 from contimpact.simulation.files import sweep_text
 from contimpact.simulation.sweep import sweep
@@ -198,10 +199,10 @@ def reader(driver, tmp_path):
     """``reader(diagram, scene)``: a page in the browser; nothing may have been complained of."""
     readers = []
 
-    def opened(diagram, scene, fragment="", swept=(), fractions=None):
+    def opened(diagram, scene, fragment="", swept=(), **more):
         plot, path = scene.plot, tmp_path / "diagram.html"
         shown = PageView(plot.x, plot.xlim, plot.ylim, plot.unphysical, scene.source)
-        text = page_text(diagram, scene.model, shown, swept, fractions=fractions)
+        text = page_text(diagram, scene.model, shown, swept, **more)
         path.write_text(text, encoding="utf-8")
         (tmp_path / "downloads").mkdir(exist_ok=True)
         readers.append(Reader(driver, path, tmp_path / "downloads"))
@@ -254,6 +255,17 @@ def test_basin_fractions_stand_below_the_diagram(reader, computed):
     )
     assert names == ["1:1", "2:1"]
     assert "75 % (0 % to 100 %)" in page.run("return document.querySelector('.band1').textContent")
+
+
+def test_attractors_of_no_branch_are_in_the_strip(reader, computed):
+    diagram, scene = computed("fig7")
+    ends = Bound(0.3, 0.0, None, "the sweep ends"), Bound(0.36, 1e-9, None, "CR[1:1/C|2:1] e7")
+    chaos = Motion("1:1/C", None, *ends, 2, [0.31, 0.35], [0.6, 0.7])
+    page = reader(diagram, scene, motions=[chaos])
+    assert len(page.all("#diagram .run.alone")) == 1
+    said = page.run("return document.querySelector('.run.alone').textContent")
+    assert said.startswith("1:1/C, simulated, on no branch; impacts at up to 0.7; ends: 0.3:")
+    assert "CR[1:1/C|2:1] e7; for d from" in said
 
 
 def looked_at(driver, page):

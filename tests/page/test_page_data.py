@@ -9,6 +9,7 @@ import json
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from zoo import ROOT
 
 from contimpact.errors import InputError
 from contimpact.page import orbits as tracks
@@ -16,7 +17,9 @@ from contimpact.page.data import PageView, page_data
 from contimpact.page.document import fractions_in
 from contimpact.page.sweeps import pack_column, read_sweep, script_json
 from contimpact.results.branch import Branch
+from contimpact.results.catalogue import load_diagram
 from contimpact.results.diagram import Diagram
+from contimpact.results.ranges import Bound, Motion
 from contimpact.results.scene import read_scene
 from contimpact.simulation.files import sweep_text
 from contimpact.simulation.sweep import sweep
@@ -255,6 +258,24 @@ def test_a_damaged_table_of_attractors_is_refused(swept, small_scene, tmp_path, 
     damaged.write_text(change(swept.read_text(encoding="utf-8")), encoding="utf-8")
     with pytest.raises(InputError, match=r"sweep\.csv"):
         read_sweep(damaged, small_scene.model)
+
+
+def test_attractors_of_no_branch_have_their_ends_on_every_axis(small, small_scene):
+    low, high = Bound(0.3, 0.0, None, "the sweep ends"), Bound(0.36, 1e-9, "e7", "CR e7")
+    chaos = Motion("1:1/C", None, low, high, 2, [0.31, 0.35], [0.6, 0.7])
+    (found,) = page_data(small, small_scene.model, PageView("d"), motions=[chaos])["motions"]
+    assert (found["notation"], found["branch"]) == ("1:1/C", None)
+    assert found["columns"]["s"] == [0.3, 0.36]
+    assert found["columns"]["d"] == [small_scene.model.replace(s=s)["d"] for s in (0.3, 0.36)]
+    assert found["said"] == "impacts at up to 0.7; ends: 0.3: the sweep ends; 0.36: CR e7"
+
+
+def test_what_is_seen_beyond_a_grazing_is_on_the_page():
+    diagram = load_diagram(ROOT / "branches/fig7")
+    texts = page_data(diagram, None, PageView("s"))["reading"]["scenarios"]
+    entry = next(e for e in diagram.entries if e.scenario is not None)
+    found = next(text["text"] for text in texts if text["entry"] == entry.id)
+    assert found.startswith(entry.scenario.name)
 
 
 FRACTIONS = """# {"schema": "contimpact.fractions/1", "parameter": "s", "starts": 10}

@@ -47,10 +47,10 @@ function drawBands(layer, top) {
       right = Math.min(box.right, d3.max(across, x) ?? 0) - half;
     const places = d3.range(0, across.length - 0.5, 0.5),
       at = (/** @type {number} */ i) => x(between(across, i));
-    const widest = d3.greatest(
-      places.filter((i) => at(i) >= left && at(i) <= right),
-      (i) => between(parts, i),
-    );
+    const inSight = places.filter((i) => at(i) >= left && at(i) <= right),
+      most = d3.max(inSight, (i) => between(parts, i)) ?? 0,
+      wide = inSight.filter((i) => between(parts, i) > 0.9 * most),
+      widest = wide[wide.length >> 1];
     if (widest !== undefined && between(parts, widest) * BANDS > 13)
       layer
         .append("text")

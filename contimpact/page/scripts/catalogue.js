@@ -24,10 +24,15 @@ const COLUMNS = [
   {
     name: "why",
     title: "why",
-    of: (entry) => entry.why ?? entry.reason ?? entry.criticality ?? "",
+    of: (entry) => entry.why ?? entry.reason ?? entry.criticality ?? beyond(entry) ?? "",
     prose: true,
   },
 ];
+
+/** What the normal form says is seen beyond a grazing. @param {Entry} entry */
+function beyond({ id }) {
+  return page.reading.scenarios.find((scenario) => scenario.entry === id)?.text;
+}
 
 /** The columns of the table: of the parameters that vary along branches, that on the axis. */
 function columnsShown() {

@@ -65,6 +65,10 @@
  * @typedef {{source: string, target: string, mechanism: number | null, entry: string, doubling: string | null,
  *   fold: string | null, doubled_grazings: [string, number][]}} Transition
  */
+/**
+ * An attractor along the parameter: where it begins and ends, on the axes there are, and what happens there.
+ * @typedef {{notation: string, branch: string | null, columns: Record<string, [number, number]>, said: string}} Known
+ */
 /** @typedef {{entry: string, attractor: string, orbit: string, type: string | null, after: string}} Crisis */
 /**
  * @typedef {{name: string, version: string, parameter: string, varying: string[], fixed: Record<string, number>,
@@ -74,8 +78,9 @@
  *     source: string, remarks: string[]},
  *   members: {fixed: Record<string, number>, branches: number[]}[], branches: Branch[], entries: Entry[],
  *   looks: Record<string, {marker: string, colour: string, touching: boolean}>,
- *   reading: {stable: Run[], transitions: Transition[], crises: Crisis[], incomplete: string}, machine: Geometry | null, keys: Key[],
- *   curves: Curve[], panels: Panel[], swept: Swept[], fractions: Fractions | null}} Page
+ *   reading: {stable: Run[], transitions: Transition[], crises: Crisis[], scenarios: {entry: string, text: string}[],
+ *     incomplete: string}, machine: Geometry | null, keys: Key[],
+ *   curves: Curve[], panels: Panel[], swept: Swept[], fractions: Fractions | null, motions: Known[]}} Page
  */
 
 /**

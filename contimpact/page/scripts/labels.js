@@ -260,18 +260,43 @@ function coveredIn({ x, y }, wide) {
   return count;
 }
 
-/** A stretch of one orbit below the diagram; a click chooses `at`. @typedef {{name: string, said: string, at: string, from: number, to: number}} Placed */
+/** A stretch of one orbit below the diagram; a click chooses `at`, where there is something. @typedef {{name: string, said: string, at: string, from: number, to: number}} Placed */
 
-/** The stable runs, or, where no branches were followed, what a simulation met. @returns {Placed[]} */
+/** The stable runs and the attractors of no branch, or, where no branches were followed, what a simulation met. @returns {Placed[]} */
 function stretchesBelow() {
   if (hidden("runs")) return [];
   if (!page.branches.length) return stretchesMet();
+  return [...stableRuns(), ...simulatedAlone()];
+}
+
+/** Attractors that lie on no branch; the diagram has them at the values of the scene. @returns {Placed[]} */
+function simulatedAlone() {
+  return page.motions.flatMap(({ notation, branch, columns, said }) => {
+    const ends = columns[state.x];
+    if (branch || !ends || state.member !== page.own) return [];
+    const [from, to] = sorted(ends);
+    return [{ name: notation, said: `${notation}, simulated, on no branch; ${said};`, at: "", from, to }];
+  });
+}
+
+/** What is known of a stable run as an attractor: its speed and its ends. @param {Run} run */
+function saidOf({ branch, low, high }) {
+  const middle = 0.5 * (low + high),
+    known = page.motions.find((motion) => {
+      const [from, to] = sorted(motion.columns[page.parameter] ?? [NaN, NaN]);
+      return motion.branch === branch && from <= middle && middle <= to;
+    });
+  return known ? `; ${known.said};` : "";
+}
+
+/** @returns {Placed[]} */
+function stableRuns() {
   return page.reading.stable.flatMap((run) => {
     const family = familyById.get(run.branch),
       column = family?.columns[state.x];
     if (!family || !column || memberOf(family) !== state.member || hidden(run.branch)) return [];
     const [from, to] = sorted(run.rows.map((row) => column[row])),
-      said = `${run.notation} (${run.branch}) stable and physical`;
+      said = `${run.notation} (${run.branch}) stable and physical${saidOf(run)}`;
     return { name: run.notation, said, at: `${run.branch}:${Math.round(d3.mean(run.rows) ?? 0)}`, from, to };
   });
 }
@@ -333,7 +358,7 @@ function drawLanes(layer, runs) {
     .selectAll("rect")
     .data(all)
     .join("rect")
-    .attr("class", "run")
+    .attr("class", (bar) => (bar.at ? "run" : "run alone"))
     .attr("x", (bar) => bar.left)
     .attr("y", (bar) => bar.top)
     .attr("width", (bar) => bar.width)
@@ -346,7 +371,7 @@ function drawLanes(layer, runs) {
     .text(({ said, from, to }) => `${said} for ${symbol(state.x)} from ${shown(from)} to ${shown(to)}`);
   bars.on("click", (event, { at }) => {
     event.stopPropagation();
-    pick(at);
+    if (at) pick(at);
   });
   layer
     .selectAll("text")
@@ -366,7 +391,7 @@ function drawLanes(layer, runs) {
     .attr("y", top + LANE - 7)
     .attr("text-anchor", "end")
     .attr("font-size", "11")
-    .text(page.branches.length ? "stable" : "met");
+    .text(page.motions.length ? "range" : page.branches.length ? "stable" : "met");
 }
 
 /** @typedef {{name: string, line: string, mark: string, kind: string, ghost: boolean, at: number, row: number}} KeyItem */

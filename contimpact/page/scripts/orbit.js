@@ -374,6 +374,7 @@ function drawNumbers(family, row, entry) {
       ["error of the parameter", shown(entry.error, 2)],
       ["residual", shown(entry.residual, 2)],
       ["found by", entry.method],
+      ...[beyond(entry)].flatMap((text) => (text ? [["beyond it", text]] : [])),
     );
   if (entry?.opens.length) facts.push(["branches born here", entry.opens.join(", ")]);
   const { branch } = family;
