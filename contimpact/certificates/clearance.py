@@ -14,7 +14,7 @@ zero, the curvature has to be positive: the touch is then a strict local minimum
 from __future__ import annotations
 
 import enum
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +22,7 @@ from flint import arb
 
 from ..models.guards import Guard, same_surface
 from ..orbits.problem import OrbitProblem
+from ..segments.layout import SECTION
 from ..segments.segment import ELSEWHERE
 from ..segments.touches import coordinates
 from .equations import BallProblem, Balls
@@ -70,6 +71,13 @@ def coordinates_of(space: BallProblem, flight: int) -> list[Coordinate]:
     problem = space.problem
     letters = [guard.name for guard in problem.model.WALLS]
     word = problem.word.walls
+    if not word:
+        mode = problem.model.first_mode
+        return [
+            Coordinate([ReachableGuard(g, i, False, False)], None, space.motion(SECTION, g.name))
+            for i, g in enumerate(problem.model.WALLS)
+            if mode in g.modes and not g.past
+        ]
     ends = letters.index(word[flight]), letters.index(word[(flight + 1) % len(word)])
     found = []
     for numbers in coordinates(problem.model).values():
@@ -111,7 +119,32 @@ def _reachable_guard(problem: OrbitProblem, guard: int, left: int, reached: int)
 DEEPEST = 40
 """How often a flight is cut."""
 CUT = 0.4921875
-"""Fraction at which a cell is cut: no place at which a touch is likely to lie."""
+"""Fraction at which a cell is cut: no place at which an event is likely to lie."""
+
+
+def open_cells(
+    whole: tuple[Any, Any], judge: Callable[[Any, Any], bool | None], deepest: int, cut: float = CUT
+) -> Iterator[tuple[Any, Any]]:
+    """Yield the cells of a range on which nothing is decided, those further left first.
+
+    Parameters
+    ----------
+    judge : callable ``judge(left, right) -> bool or None``
+        Whether a cell is decided; None for one that is not, and need not be cut.
+    deepest : int
+        How often a cell is cut at most.
+    """
+    cells = [(*whole, 0)]
+    while cells:
+        left, right, depth = cells.pop()
+        if decided := judge(left, right):
+            continue
+        if decided is None or depth == deepest:
+            yield left, right
+            continue
+        middle = left + cut * (right - left)
+        middle = middle.mid() if isinstance(middle, arb) else middle
+        cells += [(middle, right, depth + 1), (left, middle, depth + 1)]
 
 
 class ClearanceProof(enum.Enum):
@@ -132,8 +165,12 @@ class Clearance:
     gap: str = ""
 
 
+BEFORE = 0.43
+"""The part of an orbit without impacts that is looked at before its touch."""
+
+
 class Gap:
-    """The gap to a wall along a flight.
+    """The gap to a wall along a flight, or through all periods of an orbit without impacts.
 
     Parameters
     ----------
@@ -160,17 +197,23 @@ class Gap:
         beside: tuple[bool, bool] = (False, False),
     ) -> None:
         self.beside = beside
-        rows = space.impacts(z)
-        self.start, self.values = rows[flight], space.values(z)
-        self.arrival = rows[flight + 1]
-        self.duration = self.arrival[0] - self.start[0]
-        self.touch = None if touch is None else touch - self.start[0]
+        rows, self.values = space.impacts(z), space.values(z)
+        if rows:
+            self.start, self.arrival = rows[flight], rows[flight + 1]
+            self.begin, self.late = self.start[0], None
+            self.duration = self.arrival[0] - self.begin
+        else:
+            self.start, self.duration = list(z[: space.problem.m]), space.span(z)
+            begin = arb(0) if touch is None else (touch - BEFORE * self.duration).mid()
+            self.begin = self.late = begin
+        self.touch = None if touch is None else touch - self.begin
         self.coordinate, self.met = reachable_guard(space, flight, wall)
         self.side = self.met.guard.side
         self.distance = self.coordinate.distance(self.met, space.setup(self.values).walls)
 
     def at(self, dt: Any) -> tuple[Any, Any, Any]:
         """Return gap, rate and curvature at a time, or on a cell of times."""
+        dt = dt if self.late is None else self.late + dt
         x, speed, acceleration = self.coordinate.motion(self.start, dt, self.values)
         return self.side * (self.distance - x), -self.side * speed, -self.side * acceleration
 
@@ -178,16 +221,15 @@ class Gap:
         """Return whether the flight keeps clear of the wall."""
         if not self.duration > 0:
             return Clearance(ClearanceProof.UNDECIDED, 0.0, f"duration {self.duration.str(6)}")
-        cells = [(arb(0), self.duration.upper(), 0)]
-        while cells:
-            left, right, depth = cells.pop()
-            found, gap = self._cell(left, right)
-            if found is ClearanceProof.YES:
-                continue
-            middle = (left + CUT * (right - left)).mid()
-            if found is ClearanceProof.PASSES or depth == DEEPEST:
-                return Clearance(found, float(middle), gap.str(6))
-            cells += [(middle, right, depth + 1), (left, middle, depth + 1)]
+        found: tuple[ClearanceProof, Any] = ClearanceProof.YES, None
+
+        def judge(left: Any, right: Any) -> bool | None:
+            nonlocal found
+            found = self._cell(left, right)
+            return None if found[0] is ClearanceProof.PASSES else found[0] is ClearanceProof.YES
+
+        for left, right in open_cells((arb(0), self.duration.upper()), judge, DEEPEST):
+            return Clearance(found[0], float((left + CUT * (right - left)).mid()), found[1].str(6))
         return Clearance(ClearanceProof.YES)
 
     def _cell(self, left: Any, right: Any) -> tuple[ClearanceProof, Any]:

@@ -18,6 +18,7 @@ from ..orbits.problem import OrbitProblem
 from ..segments.arithmetic import evaluate_in
 from ..segments.ball_flow import Number
 from ..segments.balls import Time, balls
+from ..segments.layout import SECTION
 
 Balls: TypeAlias = list[Any]
 """Numbers of this arithmetic: ``arb``, or ``arb_series`` of them."""
@@ -64,11 +65,15 @@ class BallProblem(Equations):
         return self._memory[key][1]
 
     def motion(self, wall: str, other: str | None = None) -> Callable[..., Any]:
-        """Return the kernel of the motion after a wall: ``motion(start, dt, values)``.
+        """Return the kernel of the motion after a wall, or since the section: ``motion(start, dt,
+        values)``.
 
         It is that of the displacement from the wall, or of the gap coordinate of another one.
         """
         kernels = self.problem.kernels
+        if wall == SECTION and other is not None:
+            since = evaluate_in(kernels.since(other), self.arithmetic)
+            return lambda start, dt, values: since(*start, dt, *values)
         kernel = kernels.motion(wall) if other is None else kernels.gap(wall, other)
         function = evaluate_in(kernel, self.arithmetic)
         return lambda start, dt, values: function(Time(start[0]), *start[1:], dt, *values)

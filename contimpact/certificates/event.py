@@ -23,66 +23,14 @@ from ..results.tables import coordinates
 from .equations import BallProblem, Balls, crosses, krawczyk, prove_zero
 from .orbit import Orbit, stops_at_once
 
-# An impact at rest without which the orbit has none: proven by the grazing of the word `0`.
-#
-# The orbit without impacts that grazes once a period, run over several of them, is at once an orbit
-# of a word with one impact of zero velocity, at one of its touches, which grazes at another one.
-
-
-def only_impact_rests(space: BallProblem, box: Balls, inner: Balls) -> bool:
-    """Return whether the only impact of a grazing orbit is proven to be at rest.
-
-    Parameters
-    ----------
-    space : BallProblem
-        Of a word with one impact.
-    box, inner : list of arb
-        Where the grazing is the only one, and where it lies.
-    """
-    problem, m = space.problem, space.problem.m
-    word = problem.word
-    guard = problem.model.guard(word.walls[0])
-    if word.period == 1 or not guard.rigid:
-        return False
-    base = problem_of(problem.model, Word("", 1), problem.kernels)
-    touch = [float(x.mid()) for x in inner[:m]]
-    start = solve_near(base, np.append(np.zeros(base.m), float(inner[m].mid())))
-    if start is None:
-        return False
-    state = start.unknowns
-    period = base.span(state)
-    where = {"wall": guard.name, "touch_time": touch[0] % period}
-    quiet = BallProblem(base, space.bits)
-    system, own = quiet.grazing(state, where)
-    found = prove_zero(quiet, system, [*state.tolist(), own[0], *touch[2:]])
-    return found is not None and _is_same_grazing(quiet, found[1], word.period, box)
-
-
-def _is_same_grazing(base: BallProblem, z: Balls, times: int, box: Sequence[Any]) -> bool:
-    """Whether the grazing, with one touch as an impact and another one as the event, lies in a
-    box."""
-    n = base.problem.n
-    value, touch, others, span = z[n], z[n + 1], z[n + 2 :], base.span(z[: n + 1])
-    copies = range(-1, times + 1)
-    first = round(float((box[0] - touch).mid()) / float(span.mid()))
-    for event in (first + copy for copy in copies if copy):
-        given = [touch + first * span, 0, *others, value, touch + event * span, *others]
-        if all(b.contains(x) for b, x in zip(box, given, strict=True)):
-            return True
-    return False
-
-
 # Impacts at rest that are no event of their own: proven by the symmetry that makes them rest.
 #
 # Where an orbit that is run twice grazes, it is at once an orbit of a longer word, in which one of
 # its touches counts as an impact of zero velocity, and the event of that word in which the other
-# one
-# grazes.
-# A ball never proves a velocity to be zero. But the grazing of the orbit run once can be proven;
-# made
-# into an orbit of the longer word it solves the equations of the event, and if it lies in the box
-# in
-# which these have one solution, it is that solution: the velocity is zero.
+# one grazes. The orbit run once may be one without impacts. A ball never proves a velocity to be
+# zero. But the grazing of the orbit run once can be proven; made into an orbit of the longer word
+# it solves the equations of the event, and if it lies in the box in which these have one solution,
+# it is that solution: the velocity is zero.
 
 
 def resting_impacts(space: BallProblem, box: Balls, inner: Balls) -> list[int]:
@@ -101,27 +49,32 @@ def resting_impacts(space: BallProblem, box: Balls, inner: Balls) -> list[int]:
 
 
 def _is_repeated_grazing(space: BallProblem, box: Balls, inner: Balls, impact: int) -> bool:
-    """Whether the orbit without an impact is another one run several times, which grazes there."""
+    """Whether the orbit without an impact is another one run several times, which grazes there; or
+    the orbit without impacts where it is the only one."""
     problem, m = space.problem, space.problem.m
-    if len(problem.word) == 1:
-        return only_impact_rests(space, box, inner)
-    once, times = _primitive_word(problem.word.drop(impact))
-    if times == 1 or m != 2:
+    wall, alone = problem.word.walls[impact], len(problem.word) == 1
+    once, times = Word("", 1), problem.word.period
+    if not alone:
+        once, times = _primitive_word(problem.word.drop(impact))
+    if times == 1 or not (problem.model.guard(wall).rigid if alone else m == 2):
         return False
-    base = BallProblem(OrbitProblem(problem.model, once, problem.kernels), space.bits)
-    kept = [*inner[: m * impact], *inner[m * impact + m :]]
-    z = np.array([float(x.mid()) for x in [*kept[: base.problem.n], inner[problem.n]]])
+    base = BallProblem(problem_of(problem.model, once, problem.kernels), space.bits)
+    middles = [float(x.mid()) for x in inner]
+    time, _, *others = middles[m * impact : m * impact + m]
+    if alone:
+        start = solve_near(base.problem, np.append(np.zeros(m), middles[m]))
+        if start is None:
+            return False
+        z, starts = start.unknowns, np.zeros(1)
+    else:
+        kept = [*middles[: m * impact], *middles[m * impact + m :]]
+        z = np.array([*kept[: base.problem.n], middles[problem.n]])
+        starts = z[: base.problem.n : m]
     span = base.problem.span(z)
-    starts = z[: base.problem.n : m]
-    first, time = starts[0], float(inner[m * impact].mid())
-    time -= np.floor((time - first) / span) * span
-    where = {
-        "flight": int(np.searchsorted(starts, time)) - 1,
-        "wall": problem.word.walls[impact],
-        "touch_time": time,
-    }
-    system, own = base.grazing(z, where)
-    found = prove_zero(base, system, [*z.tolist(), *own])
+    time -= np.floor((time - starts[0]) / span) * span
+    flight = int(np.searchsorted(starts, time)) - 1
+    system, own = base.grazing(z, {"flight": flight, "wall": wall, "touch_time": time})
+    found = prove_zero(base, system, [*z.tolist(), own[0], *others])
     return found is not None and _same_at_rest(base, found[1], times, box, impact)
 
 
@@ -137,21 +90,23 @@ def _primitive_word(word: Word) -> tuple[Word, int]:
 def _same_at_rest(base: BallProblem, z: Balls, times: int, box: Balls, impact: int) -> bool:
     """Whether a grazing orbit, run several times with one touch as an impact and another one as
     the event, lies in a box."""
-    n = base.problem.n
-    span, touch = base.span(z[: n + 1]), z[n + 1]
+    m, n = base.problem.m, base.problem.n
+    orbit, value, touch, others = z[: n + 1], z[n], z[n + 1], z[n + 2 :]
+    span = base.span(orbit)
     rows = [
         [row[0] + copy * span, *row[1:]]
         for copy in range(times)
-        for row in base.impacts(z[: n + 1])[:-1]
+        for row in base.impacts(orbit)[:-1]
     ]
-    for copy in range(-1, times + 1):
-        moved: list[Any] = [*rows[:impact], [touch + copy * span, arb(0)], *rows[impact:]]
-        whole = [x for row in moved for x in row] + [z[n]]
-        for other in range(-1, times + 1):
-            given = [*whole, touch + other * span]
-            if other != copy and all(b.contains(x) for b, x in zip(box, given, strict=True)):
-                return True
-    return False
+    late = round(float((box[m * impact] - touch).mid()) / float(span.mid()))
+    rows.insert(impact, [touch + late * span, arb(0), *others])
+    whole = [x for row in rows for x in row]
+    given = (
+        [*whole, value, touch + other * span, *others]
+        for other in range(late - times, late + times + 1)
+        if other != late
+    )
+    return any(all(b.contains(x) for b, x in zip(box, one, strict=True)) for one in given)
 
 
 AGREEMENT = 1e-9

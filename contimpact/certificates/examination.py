@@ -14,6 +14,7 @@ from ..bifurcations.registry import kind_of
 from ..orbits.problem import OrbitProblem
 from ..results.branch import Entry
 from .birth import Birth, meet
+from .clearance import open_cells
 from .equations import BallProblem, Balls, prove_zero
 from .event import EventCertificate
 from .orbit import Limit, limits
@@ -292,17 +293,12 @@ def _limit_text(limit: Limit) -> str:
 
 def _clear_of_zeros(birth: Birth, function: Test) -> bool:
     """Whether a function of the flights is proven to have no zero on a curve."""
-    cells = [(-1.0, 1.0, 0)]
-    while cells:
-        left, right, depth = cells.pop()
+
+    def clear(left: float, right: float) -> bool:
         flights = birth.segment.space.flights(birth.state(arb(left).union(arb(right))))
-        if not function(flights).contains(0):
-            continue
-        if depth == DEEPEST:
-            return False
-        middle = 0.5 * (left + right)
-        cells += [(left, middle, depth + 1), (middle, right, depth + 1)]
-    return True
+        return not function(flights).contains(0)
+
+    return next(open_cells((-1.0, 1.0), clear, DEEPEST, 0.5), None) is None
 
 
 def _widen(ends: tuple[float, float]) -> tuple[float, float]:

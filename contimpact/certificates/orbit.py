@@ -24,17 +24,15 @@ from ..bifurcations.sliding import (
     sliding_kind_of_zero_duration,
     sliding_kind_of_zero_velocity,
 )
-from ..models.guards import Guard
 from ..models.word import Word
 from ..orbits.problem import OrbitProblem
 from ..orbits.quiet import problem_of
-from ..segments.arithmetic import evaluate_in
 from ..segments.ball_flow import number
 from ..segments.balls import turns
 from ..segments.layout import SECTION
 from ..segments.segment import ELSEWHERE
 from ..segments.touches import begins_on_surface, limits_of
-from .clearance import ClearanceProof, Gap, ReachableGuard, walls_met
+from .clearance import ClearanceProof, Gap, open_cells, walls_met
 from .equations import BallProblem, Balls, Flight, prove_zero
 
 # Where the motion begins after an impact, in balls; see `contimpact.segments.touches`.
@@ -90,18 +88,19 @@ def count_outside(flights: Sequence[Flight]) -> int | None:
     """Return how many multipliers lie outside; None if one may lie on the circle."""
     p = characteristic_polynomial(flights)
     slope = p.derivative()
-    total, arcs = arb(0), list(itertools.pairwise(arb(2 * k) / ARCS for k in range(ARCS + 1)))
-    cells = [(start, end, 0) for start, end in arcs]
-    while cells:
-        start, end, depth = cells.pop()
+    total = arb(0)
+
+    def judge(start: Any, end: Any) -> bool:
+        nonlocal total
         arc, middle = _circle_point(start.union(end)), _circle_point((start + end) / 2)
         if (p(middle) + slope(arc) * (arc - middle)).contains(0):
-            if depth == DEEPEST:
-                return None
-            half = (start + end) / 2
-            cells += [(start, half, depth + 1), (half, end, depth + 1)]
-            continue
+            return False
         total += (p(_circle_point(end)) / p(_circle_point(start))).arg()
+        return True
+
+    for start, end in itertools.pairwise(arb(2 * k) / ARCS for k in range(ARCS + 1)):
+        if next(open_cells((start, end), judge, DEEPEST, 0.5), None) is not None:
+            return None
     inside = (total / (2 * arb.pi())).unique_fmpz()
     return None if inside is None else len(flights[0][0]) - int(inside)
 
@@ -229,55 +228,6 @@ def stops_at_once(space: BallProblem, z: Balls, flight: int) -> bool:
     faster = [start[0], arb_series([start[1].union(arb(0)), 1], prec=2), *start[2:]]
     begin = space.motion(*ends)(faster, arb(0), space.values(z))[0]
     return isinstance(begin, arb_series) and not begin[1].contains(0)
-
-
-# Orbits without impacts in ball arithmetic: their one flight, and the gaps along it.
-
-BEFORE = 0.43
-"""The part of the orbit that is looked at before its touch."""
-
-
-class QuietGap(Gap):
-    """The gap to a guard through all periods of an orbit without impacts; arguments as of `Gap`."""
-
-    def __init__(self, space: BallProblem, z: Balls, wall: str, touch: Any = None) -> None:
-        problem = space.problem
-        place = problem.model.letters.index(wall)
-        self.met = ReachableGuard(problem.model.WALLS[place], place, False, False)
-        self.side, self.beside = self.met.guard.side, (False, False)
-        self.values, self.state = space.values(z), list(z[: problem.m])
-        self.distance = space.setup(self.values).walls[place]
-        self.along = evaluate_in(problem.kernels.since(wall), space.arithmetic)
-        self.duration = space.span(z)
-        self.begin = arb(0) if touch is None else (touch - BEFORE * self.duration).mid()
-        self.start, self.touch = [self.begin], None if touch is None else touch - self.begin
-
-    def at(self, dt: Any) -> tuple[Any, Any, Any]:
-        """Return gap, rate and curvature at a time, or on a cell of times."""
-        x, speed, acceleration = self.along(*self.state, self.begin + dt, *self.values)
-        return self.side * (self.distance - x), -self.side * speed, -self.side * acceleration
-
-
-def gap_of(
-    space: BallProblem,
-    z: Balls,
-    flight: int,
-    wall: str,
-    touch: Any = None,
-    beside: tuple[bool, bool] = (False, False),
-) -> Gap:
-    """Return the gap to a guard along a flight; parameters are those of `Gap`."""
-    if space.problem.word.walls:
-        return Gap(space, z, flight, wall, touch, beside)
-    return QuietGap(space, z, wall, touch)
-
-
-def guards_met(space: BallProblem, flight: int) -> list[Guard]:
-    """Return the guards that a flight can meet, or an orbit without impacts."""
-    model = space.problem.model
-    if space.problem.word.walls:
-        return walls_met(space, flight)
-    return [g for g in model.WALLS if model.first_mode in g.modes and not g.past]
 
 
 ANYWHERE = (1.0, -1.0, 1j, -1j)
@@ -466,8 +416,8 @@ class Orbit:
         here = problem.evaluate(np.array([float(x.mid()) for x in self.z]))
         for touch in (t for flight in here.gaps for t in flight.touches if t is not None):
             if touch.gap < 0 and not self._own(touch.flight, touch.wall):
-                gap = gap_of(space, self.z, touch.flight, touch.wall)
-                time = (arb(touch.time) - gap.start[0]).mid()
+                gap = Gap(space, self.z, touch.flight, touch.wall)
+                time = (arb(touch.time) - gap.begin).mid()
                 if time > 0 and time < gap.duration and gap.at(time)[0] < 0:
                     return f"flight {touch.flight + 1} passes wall {touch.wall}"
         return ""
@@ -480,11 +430,11 @@ class Orbit:
     def _clear(self) -> Claim:
         """Whether all flights keep clear of all walls."""
         for k in range(max(1, len(self.space.problem.word))):
-            met = () if self._vanishing(k) else guards_met(self.space, k)
+            met = () if self._vanishing(k) else walls_met(self.space, k)
             for wall in met:
                 touch = self.details["touch_time"] if self._own(k, wall.name) else None
                 beside = self._beside(k, wall.name)
-                found = gap_of(self.space, self.z, k, wall.name, touch, beside).proven()
+                found = Gap(self.space, self.z, k, wall.name, touch, beside).proven()
                 if found.what is not ClearanceProof.YES:
                     where = f"flight {k + 1}, wall {wall.name}, {found.time:.6g} after it leaves"
                     passes = found.what is ClearanceProof.PASSES
@@ -508,9 +458,9 @@ class Orbit:
         """Return whether the event's touch is a strict local minimum of the gap."""
         if "touch_time" not in self.details:
             return True, ""
-        gap = gap_of(self.space, self.z, self.details["flight"], self.details["wall"])
-        curvature = gap.at(self.details["touch_time"] - gap.start[0])[2]
-        within = self.details["touch_time"] - gap.start[0]
+        gap = Gap(self.space, self.z, self.details["flight"], self.details["wall"])
+        curvature = gap.at(self.details["touch_time"] - gap.begin)[2]
+        within = self.details["touch_time"] - gap.begin
         ends = bool(self.space.problem.word.walls)
         if ends and not (within > 0 and within < gap.duration):
             return None, f"the touch comes {within.str(6)} after the flight leaves"

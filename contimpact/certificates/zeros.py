@@ -7,6 +7,7 @@ different signs at its ends. Other cells are cut.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -15,7 +16,7 @@ import numpy as np
 from flint import arb, arb_mat, arb_series
 
 from .birth import Birth
-from .clearance import Coordinate, coordinates_of
+from .clearance import CUT, Coordinate, coordinates_of, open_cells
 from .equations import Flight
 from .orbit import characteristic
 from .tube import Model, Segment, Tube, coefficient, shift_polynomial
@@ -317,9 +318,9 @@ class FlightCoordinate:
         """Two cells in place of one, cut where the velocity varies more."""
         across_s, across_u = (float(abs(change).upper()) for change in (by_s, by_u))
         if across_s >= across_u:
-            middle = at[0] + 0.4921875 * (at[1] - at[0])
+            middle = at[0] + CUT * (at[1] - at[0])
             return [(along, (at[0], middle), depth + 1), (along, (middle, at[1]), depth + 1)]
-        middle = along[0] + 0.4921875 * (along[1] - along[0])
+        middle = along[0] + CUT * (along[1] - along[0])
         return [((along[0], middle), at, depth + 1), ((middle, along[1]), at, depth + 1)]
 
     def passes(self, wall: str, along: tuple[float, float]) -> bool:
@@ -375,8 +376,6 @@ DEEPEST = 10
 """How often a tube is cut."""
 NARROW = 1e-6
 """Width of the part of a tube in which a zero is looked at."""
-CUT = 0.4921875
-"""Fraction at which a cell is cut: no place at which an event is likely to lie."""
 
 
 @dataclass(frozen=True)
@@ -392,27 +391,22 @@ def zeros(tube: Tube, name: str, function: Test) -> list[Cell]:
     """Return the cells of a tube that hold a zero of a function of the flights, or may."""
     model = tube.model(name, function)
     rates = [j * c for j, c in enumerate(model)][1:]
-    sideways = None
+    sideways = functools.cache(lambda: derivative_across(tube, function))
     found: list[Cell] = []
-    cells = [(-1.0, 1.0, 0)]
-    while cells:
-        left, right, depth = cells.pop()
+
+    def judge(left: float, right: float) -> bool:
         if not range_on_cell(model, left, right).contains(0):
-            continue
-        if sideways is None:
-            sideways = derivative_across(tube, function)
-        slope = range_on_cell(rates, left, right) + sideways
+            return True
+        slope = range_on_cell(rates, left, right) + sideways()
         ends = [range_on_cell(model, u, u) for u in (left, right)]
-        if not slope.contains(0) and not any(end.contains(0) for end in ends):
-            if (ends[0] > 0) != (ends[1] > 0):
-                found.append(Cell(left, right, "zero"))
-            continue
-        if depth == DEEPEST:
-            found.append(Cell(left, right, "open"))
-            continue
-        middle = left + CUT * (right - left)
-        cells += [(middle, right, depth + 1), (left, middle, depth + 1)]
-    return _merge_cells(found)
+        if slope.contains(0) or any(end.contains(0) for end in ends):
+            return False
+        if (ends[0] > 0) != (ends[1] > 0):
+            found.append(Cell(left, right, "zero"))
+        return True
+
+    left_open = [Cell(*cell, "open") for cell in open_cells((-1.0, 1.0), judge, DEEPEST)]
+    return _merge_cells([*found, *left_open])
 
 
 def narrow_cell(tube: Tube, name: str, function: Test, cell: Cell) -> tuple[float, float]:
