@@ -25,6 +25,7 @@ from ..continuation.branch import Event, Location, Point, Points, TestFunction, 
 from ..continuation.corrector import Arc, correct
 from ..continuation.crossing_branches import Meeting
 from ..continuation.ends import End, EndKind
+from ..continuation.events import snap_to_points
 from ..continuation.problem import Problem, length
 from ..continuation.settings import Settings
 from ..continuation.walk import keep_interrupted, other_way, walk
@@ -439,6 +440,13 @@ class Limit(TestFunction):
         value = point.evaluation.parameter(self.parameter)
         return np.array([value - self.limits[0], self.limits[1] - value])
 
+    def locate(
+        self, problem: Problem[CurvePoint], guess: Point[CurvePoint], index: int
+    ) -> Location | None:
+        orbit = guess.evaluation.problem.orbit
+        place = orbit.n + orbit.kernels.parameters.index(self.parameter)
+        return _solve_at(problem, guess, place, self.limits[index])
+
 
 class SecondValue(TestFunction):
     """The second parameter takes a value that was asked for."""
@@ -453,14 +461,20 @@ class SecondValue(TestFunction):
         return point.parameter - self.wanted
 
     def locate(self, problem: Problem, guess: Point, index: int) -> Location | None:
-        """The point of the curve where the parameter has this value, to the last digit."""
-        wanted, fixed = guess.unknowns.copy(), np.zeros(len(guess.unknowns))
-        wanted[-1], fixed[-1] = self.wanted[index], 1.0
-        here = correct(problem, wanted, fixed, np.ones(len(wanted)), CURVE_SETTINGS).evaluation
-        if here is None:
-            return None
-        unknowns = np.append(here.unknowns[:-1], wanted[-1])
-        return Location(unknowns, float(np.max(np.abs(here.residual))), 0.0)
+        return _solve_at(problem, guess, len(guess.unknowns) - 1, self.wanted[index])
+
+
+def _solve_at(problem: Problem, guess: Point, place: int, value: float) -> Location | None:
+    """The point of a curve where one of its unknowns, a parameter, has a value, to the last digit;
+    None if there is none next to the guess."""
+    wanted, fixed = guess.unknowns.copy(), np.zeros(len(guess.unknowns))
+    wanted[place], fixed[place] = value, 1.0
+    here = correct(problem, wanted, fixed, np.ones(len(wanted)), CURVE_SETTINGS).evaluation
+    if here is None:
+        return None
+    unknowns = here.unknowns.copy()
+    unknowns[place] = value
+    return Location(unknowns, float(np.max(np.abs(here.residual))), 0.0)
 
 
 # Tabulating.
@@ -487,6 +501,7 @@ def curve_from_walks(
     parameters, word = problem.orbit.kernels.parameters, problem.orbit.word
     last = parameters[-1]
     points, events = join_walks(*walks)
+    events = snap_to_points(points, events)
     kinds = {test.kind for test in special}
     marked = [e for e in events if e.kind in kinds and not _is_shorter_end(e, walks)]
     codim2 = [_codim2(e, f"{name}.{i}", name) for i, e in enumerate(marked, start=1)]
@@ -532,7 +547,8 @@ def _codim2(event: Event, identity: str, curve: str) -> Codim2:
 
 
 def _columns(points: Sequence[Point], marks: Sequence[tuple[Point, str]]) -> dict[str, Array]:
-    named = [*((p, "") for p in points), *marks]
+    marked = {point.arclength for point, _ in marks}
+    named = [*((p, "") for p in points if p.arclength not in marked), *marks]
     named = list({(p.arclength, mark): (p, mark) for p, mark in named}.values())
     named.sort(key=lambda pair: pair[0].arclength)
     rows = [_row(point) | {"event": mark} for point, mark in named]

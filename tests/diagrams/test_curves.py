@@ -293,6 +293,25 @@ def test_curves_end_with_a_reason_at_the_edges(parameter, limits):
 
 
 @pytest.mark.full
+def test_a_curve_ends_on_its_limits_with_one_row():
+    """The steady response of amplitude 1/sqrt((1 - w^2)^2 + c^2 w^2) reaches sigma = 1 at
+    w^2 = 2 - c^2."""
+    model = Oscillator(a=1.0, omega=2.3, c=0.1, k=1.0, sigma=0.3, r=0.8)
+    stops = [
+        entry
+        for orbit in find_orbits(model, "S", parameter="sigma")
+        for entry in continue_orbit(orbit, range=(0.01, 1.0), events=["V"]).events
+    ]
+    curve = follow_curve(stops[0], model, "omega", (0.01, 1.0), (0.5, 3.0), values=[2.0, 3.0])
+    low, high = sorted((0, -1), key=lambda row: curve["omega"][row])
+    assert (curve["sigma"][low], curve["omega"][high]) == (1.0, 3.0)
+    assert curve["omega"][low] == pytest.approx(math.sqrt(1.99), rel=1e-14)
+    assert np.sum(curve["omega"] == 3.0) == 1
+    assert curve["event"][high] == "UZ"
+    assert np.all(np.diff(curve["arclength"]) > 0.0)
+
+
+@pytest.mark.full
 def test_zero_velocities_of_a_doubled_orbit_end_at_the_pd_v():
     """Each from its own side at the point that the PD has on the orbit itself, and at no other."""
     pair = ImpactPair(beta=0.35, r_B=0.34, r_T=0.2266, A=8.127, s=0.4723, M=0.1468, omega=14.03)
