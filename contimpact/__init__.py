@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from .diagrams.crises import find_crises as find_crises
     from .diagrams.crises import follow_crisis as follow_crisis
     from .diagrams.crises import locate_crisis as locate_crisis
+    from .diagrams.crises import locate_tangencies as locate_tangencies
     from .diagrams.curves import follow_curve as follow_curve
     from .diagrams.explore import follow as follow
     from .diagrams.isolines import follow_isoline as follow_isoline
@@ -137,6 +138,7 @@ _PLACES = {
     "follow_curve": "diagrams.curves",
     "find_crises": "diagrams.crises",
     "locate_crisis": "diagrams.crises",
+    "locate_tangencies": "diagrams.crises",
     "follow_crisis": "diagrams.crises",
     "find_margins": "diagrams.margins",
     "follow_isoline": "diagrams.isolines",

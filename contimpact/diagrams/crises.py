@@ -29,7 +29,7 @@ from ..continuation.settings import Settings
 from ..continuation.walk import walk
 from ..errors import InputError, explain_arguments
 from ..models.model import Model
-from ..models.word import Word
+from ..models.word import Word, is_rotation
 from ..orbits.orbit import Orbit
 from ..orbits.search import solve_near
 from ..progress import Asked
@@ -87,6 +87,8 @@ ENTRIES, PATHS = 50, 40
 """Arrivals looked at, and different paths solved for, at most."""
 ARRIVALS = 20
 """Arrivals from which on those that follow the orbit twice are enough."""
+CLOSE = 0.05
+"""How near to an orbit a connection begins and ends, in periods and in its largest velocity."""
 SAME_FLIGHT = 1e-6
 """How well a simulated flight repeats one of a path; beside a grazing it does by the square root of
 rounding."""
@@ -228,9 +230,7 @@ def locate_crisis(
     """
     require_one_coordinate(orbit.model, orbit.problem.kernels, "orbit")
     simulator = Simulator(orbit.model, orbit.problem.kernels)
-    if not _saddle(orbit):
-        accepted = "give a physical orbit with one multiplier above 1, and the others below"
-        raise InputError("orbit", repr(orbit).partition("\n")[0], accepted)
+    _require_saddle(orbit, "orbit")
     attractor = settle(simulator, start) if start else _beside(simulator, orbit)
     if attractor is None or attractor.kind is not Kind.COMPLEX or attractor.state is None:
         settled = attractor.notation if attractor else "periodic motion on both sides"
@@ -264,6 +264,125 @@ def require_one_coordinate(model: Model, kernels: Kernels, where: str) -> None:
     if model.autonomous or has_several_coordinates(model, kernels):
         accepted = "crises are located of one forced coordinate between rigid walls"
         raise InputError(where, f"the system {model.SYSTEM}", accepted)
+
+
+@dataclass(frozen=True, eq=False)
+class Tangency:
+    """Where an unstable manifold touches a stable one, with a corner that a grazing has cut."""
+
+    parameter: str
+    value: float
+    error: float
+    """Bound of the value's error: rounding, and what longer paths change."""
+    leaves: Orbit
+    """The orbit whose unstable manifold touches, at the tangency."""
+    arrives: Orbit
+    """The orbit whose stable manifold is touched, at the tangency."""
+    path: Connected = field(repr=False)
+    """The connection that grazes."""
+
+    @property
+    def homoclinic(self) -> bool:
+        """Whether both are the same orbit."""
+        return _same_orbit(self.leaves, self.arrives)
+
+    def __str__(self) -> str:
+        kind = "homoclinic" if self.homoclinic else "heteroclinic"
+        ends = f"{self.leaves.notation} to {self.arrives.notation}"
+        return f"{kind}, {ends}, at {self.parameter} = {self.value:.15g} (+- {self.error:.1g})"
+
+
+@explain_arguments
+def locate_tangencies(
+    leaves: Orbit, arrives: Orbit | None = None, *, starts: int = 64, impacts: int = 200
+) -> list[Tangency]:
+    """Locate values at which an orbit's unstable manifold touches a stable one.
+
+    With impacts an unstable manifold has corners, the images of its points that graze. Motions that
+    leave the orbit, from all along its manifold, are simulated; those that come near to the other
+    orbit are where connections that graze are looked for. Tangencies without a grazing, as of
+    smooth maps, are not located.
+
+    Parameters
+    ----------
+    leaves, arrives : Orbit
+        Unstable, at the same value of the same parameter, best near to the tangency; the same orbit
+        by default.
+    starts : int
+        Motions simulated on either side of the orbit.
+    impacts : int
+        Of each motion.
+
+    Returns
+    -------
+    list of Tangency
+        Those with a physical connection, the nearest in the parameter first. Others may exist.
+
+    Raises
+    ------
+    InputError
+        For a system with several coordinates or without forcing, orbits of different systems or
+        values, or one that is not unstable in one direction, or not physical.
+    """
+    arrives = arrives or leaves
+    for name, orbit in (("leaves", leaves), ("arrives", arrives)):
+        require_one_coordinate(orbit.model, orbit.problem.kernels, name)
+        _require_saddle(orbit, name, -np.inf)
+    if leaves.parameters != arrives.parameters or leaves.parameter != arrives.parameter:
+        accepted = "give orbits at the same values, with the same parameter"
+        raise InputError("arrives", f"{arrives.notation} at other values", accepted)
+    simulator = Simulator(leaves.model, leaves.problem.kernels)
+    factor, right, _ = unstable_direction(leaves.linearisation)
+    found, tried = list[Tangency](), set[tuple[str, int]]()
+    for number in range(2 * starts):
+        away = BESIDE * abs(factor) ** (number // 2 / starts) * (-1) ** number
+        first = leaves.times[0] + away * right[0], leaves.velocities[0] + away * right[1]
+        run = simulator.run(simulator.state(leaves.word.walls[0], *first), impacts=impacts)
+        for path in _solved(simulator, leaves, arrives, run, tried, both=True):
+            end = _end_of(path, arrives, -1)
+            begin = _end_of(path, leaves, 0)
+            if end is None or begin is None or not _physical(path):
+                continue
+            longer = refined(path)
+            if longer is not None and _physical(longer[0]):
+                value, error = float(longer[0].unknowns[-1]), longer[1]
+                if not any(abs(t.value - value) <= t.error + error for t in found):
+                    found.append(Tangency(leaves.parameter, value, error, begin, end, longer[0]))
+    return sorted(found, key=lambda t: abs(t.value - leaves.value))
+
+
+def _end_of(path: Connected, orbit: Orbit, place: int) -> Orbit | None:
+    """An orbit at the parameter value of a path, if this begins (0) or ends (-1) with laps near to
+    it."""
+    lap = path.problem.after if place else path.problem.before
+    if lap.period != orbit.word.period or not is_rotation(lap.walls, orbit.word.walls):
+        return None
+    here = solve_near(orbit.problem, np.append(orbit.unknowns[:-1], path.unknowns[-1]))
+    if here is None:
+        return None
+    there, wall = Orbit(orbit.problem, here), path.problem.walls[place]
+    forcing = orbit.problem.period(orbit.unknowns)
+    time, velocity = path.impacts[place]
+    fastest = float(np.max(np.abs(there.velocities)))
+    for k, letter in enumerate(there.word.walls):
+        apart = (time - there.times[k]) / forcing, (velocity - there.velocities[k]) / fastest
+        if letter == wall and max(abs(apart[0] - round(apart[0])), abs(apart[1])) < CLOSE:
+            return there
+    return None
+
+
+def _same_orbit(one: Orbit, other: Orbit) -> bool:
+    """Whether two orbits at the same values are one."""
+    return one.word == other.word and bool(
+        np.allclose(one.velocities, other.velocities, rtol=1e-9, atol=0.0)
+    )
+
+
+def _require_saddle(orbit: Orbit, where: str, least: float = 1.0) -> None:
+    if not _saddle(orbit, least):
+        above = "above 1" if least > 0.0 else "outside the unit circle"
+        accepted = f"give a physical orbit with one multiplier {above}, and the others within it"
+        raise InputError(where, repr(orbit).partition("\n")[0], accepted)
 
 
 @explain_arguments
@@ -456,18 +575,21 @@ def _with_entry(branch: Branch, crisis: Crisis, name: str) -> Branch:
     return replace(branch, columns=table, events=events)
 
 
-def _saddle(orbit: Orbit) -> bool:
-    """Whether an orbit is physical and unstable in one direction, with a positive multiplier: with
-    a negative one motion changes sides, so that no attractor ends on one of them."""
+def _saddle(orbit: Orbit, least: float = 1.0) -> bool:
+    """Whether an orbit is physical and unstable in one direction, with a positive multiplier unless
+    less is admitted: with a negative one motion changes sides, so that no attractor ends on one of
+    them."""
     first, second = orbit.multipliers[:2]
-    return bool(orbit.physical and first.real > 1.0 > abs(second))
+    unstable = first.imag == 0.0 and abs(first) > 1.0 and first.real > least
+    return bool(orbit.physical and unstable and abs(second) < 1.0)
 
 
 def _nearest(orbit: Orbit, attractor: Attractor, impacts: int) -> tuple[Connected, float] | None:
     """The physical connection that is nearest in the parameter to where an attractor was seen."""
     assert attractor.state is not None
     simulator = Simulator(orbit.model, orbit.problem.kernels)
-    paths = _solved(simulator, orbit, simulator.run(attractor.state, impacts=impacts))
+    run = simulator.run(attractor.state, impacts=impacts)
+    paths = _solved(simulator, orbit, orbit, run, set())
     for path in sorted(paths, key=lambda p: abs(p.unknowns[-1] - orbit.value)):
         if _physical(path) and (found := refined(path)) is not None and _physical(found[0]):
             return found
@@ -506,18 +628,29 @@ def _beside(simulator: Simulator, orbit: Orbit, settling: Settling = SETTLING) -
 # From a run to paths that are nearly connections.
 
 
-def _solved(simulator: Simulator, orbit: Orbit, run: Run) -> list[Connected]:
-    """Solve for the connections that the nearest arrivals at an orbit are close to."""
+def _solved(
+    simulator: Simulator,
+    leaves: Orbit,
+    orbit: Orbit,
+    run: Run,
+    tried: set[tuple[str, int]],
+    both: bool = False,
+) -> list[Connected]:
+    """Solve for the connections that the nearest arrivals at an orbit are close to, each once.
+
+    They leave the first orbit, or one that the motion has followed. They may come near on both
+    sides of the stable manifold, or on one alone.
+    """
     given, text, times = (orbit.model, orbit.problem.kernels), run.word, run.times
-    tried, found = set[tuple[str, int]](), list[Connected]()
-    for entry in _entries(run, text, orbit) or ():
+    found = list[Connected]()
+    for entry in _entries(run, text, orbit, both) or ():
         part = slice(entry - BEFORE, entry)
         rows = np.column_stack([times[part], run.velocities[part]])
         rows[:, 0] -= run.period * np.floor(rows[0, 0] / run.period)
         arrival = rows[-1, 0] + times[entry] - times[entry - 1]
         rows = np.vstack([rows, *_laps(orbit, 0, arrival, range(LAPS))])
         made = text[part] + orbit.word.walls * LAPS
-        for walls, grazing, impacts, before in _paths(simulator, orbit, made, rows):
+        for walls, grazing, impacts, before in _paths(simulator, leaves, made, rows):
             if (walls, grazing) in tried or len(tried) >= PATHS:
                 continue
             tried.add((walls, grazing))
@@ -538,13 +671,13 @@ def _laps(orbit: Orbit, first: int, time: float, numbers: Iterable[int]) -> list
     return [lap + np.array([number * orbit.period, 0.0]) for number in numbers]
 
 
-def _entries(run: Run, text: str, orbit: Orbit) -> list[int] | None:
+def _entries(run: Run, text: str, orbit: Orbit, both: bool) -> list[int] | None:
     """Rows of a run from which it follows an orbit, those nearest to its stable manifold first.
 
     The distance is that from the manifold's tangent, taken a lap later where the run follows the
     orbit for so long: there the motion is nearer to the orbit by its small multiplier.
 
-    None if the motion comes near on both sides of the manifold.
+    None if the motion comes near on both sides of the manifold, unless that is asked for.
     """
     word, period, lap = orbit.word.walls, run.period, len(orbit.word)
     factor, _, left = unstable_direction(orbit.linearisation)
@@ -566,7 +699,7 @@ def _entries(run: Run, text: str, orbit: Orbit) -> list[int] | None:
     ]
     nearest = sorted(entries, key=lambda row: abs(known[row]))[:ENTRIES]
     sides = {known[row] > 0.0 for row in nearest[:ARRIVALS]}
-    return nearest if len(sides) == 1 else None
+    return nearest if both or len(sides) == 1 else None
 
 
 Guess = tuple[str, int, Array, Word]

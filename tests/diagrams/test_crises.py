@@ -24,6 +24,7 @@ from contimpact.diagrams.crises import (
     find_crises,
     follow_crisis,
     locate_crisis,
+    locate_tangencies,
 )
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.orbit_branch import continue_orbit
@@ -145,11 +146,13 @@ def diagram():
     )
 
 
-def in_thirty_digits(entry):
-    """The crisis of an entry from its connection alone, by equations (4)-(6) of the paper."""
-    kept, values = entry.crisis, {n: mp.mpf(x) for n, x in entry.parameters.items()}
-    walls, last, lap = kept["walls"], len(kept["walls"]) - 1, len(entry.word)
-    before = kept["leaves"].count("B") + kept["leaves"].count("T")
+def in_thirty_digits(kept, parameters, before, after):
+    """The value of a connection from its impacts alone, by equations (4)-(6) of the paper.
+
+    `before` and `after` are impacts and forcing periods of its first and last laps.
+    """
+    values = {n: mp.mpf(x) for n, x in parameters.items()}
+    walls, last = kept["walls"], len(kept["walls"]) - 1
 
     def residual(*z):
         at = {**values, "s": z[-1]}
@@ -161,7 +164,10 @@ def in_thirty_digits(entry):
                 at, "cos(pi*t)", walls[k : k + 1], walls[k + 1], *rows[k], *rows[k + 1]
             )[0]
         ]
-        ends = rows[before][0] - rows[0][0] - 2, rows[last][0] - rows[last - lap][0] - 2
+        ends = (
+            rows[before[0]][0] - rows[0][0] - 2 * before[1],
+            rows[last][0] - rows[last - after[0]][0] - 2 * after[1],
+        )
         return [*found, *ends, rows[kept["grazing"]][1]]
 
     z = [x for row in zip(kept["times"], kept["velocities"], strict=True) for x in row]
@@ -176,7 +182,8 @@ def test_a_run_has_the_crisis_of_its_scene(diagram, tmp_path):
     (entry,) = [e for e in loaded.entries if e.kind == "CR"]
     assert (entry.label, entry.notation, entry.ghost) == ("CR[1:1/C|2:1]", "2:1", False)
     with mp.workdps(30):
-        assert abs(in_thirty_digits(entry) - mp.mpf(entry.value)) <= entry.error < 1e-12
+        again = in_thirty_digits(entry.crisis, entry.parameters, (3, 1), (3, 1))
+        assert abs(again - mp.mpf(entry.value)) <= entry.error < 1e-12
     assert abs(entry.value - FIG7) <= entry.error
     flat = (tmp_path / "events.csv").read_text()
     assert f"{entry.id},CR,0,CR[1:1/C|2:1],," in flat
@@ -263,6 +270,30 @@ def test_a_scene_needs_branches():
         scene(simulate={"range": [0.35, 0.36], "crises": True})
 
 
+def test_a_homoclinic_tangency_is_the_crisis():
+    first = locate_tangencies(unstable(0.3556), starts=6)[0]
+    assert abs(first.value - FIG7) <= first.error < 1e-12
+    assert first.homoclinic
+    assert str(first).startswith("homoclinic, 2:1 to 2:1, at s = 0.3552205282")
+
+
+@pytest.mark.full
+def test_heteroclinic_tangencies_in_thirty_digits():
+    """From the orbit that is born where 1:1/2T grazes: the corner is another one, side by side."""
+    model = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.3556)
+    born = next(o for o in find_orbits(model, "BBTBT/2T", parameter="s") if o.physical)
+    found = locate_tangencies(born, unstable(0.3556))
+    assert found
+    for one in found:
+        assert not one.homoclinic
+        problem, impacts = one.path.problem, one.path.impacts.T.tolist()
+        kept = dict(zip(("times", "velocities"), impacts, strict=True))
+        kept |= {"walls": problem.walls, "grazing": problem.grazing}
+        with mp.workdps(30):
+            again = in_thirty_digits(kept, one.leaves.parameters, (5, 2), (3, 1))
+            assert abs(again - mp.mpf(one.value)) <= one.error < 1e-12
+
+
 def test_refusals():
     masses = {"system": "two-masses", "parameters": {**TWO_MASSES}}
     given = scene(
@@ -282,3 +313,7 @@ def test_refusals():
     for orbit in orbits:
         with pytest.raises(InputError, match="one multiplier above 1"):
             locate_crisis(orbit)
+    with pytest.raises(InputError, match=r"arrives: .*one multiplier outside the unit circle"):
+        locate_tangencies(unstable(0.35), stable)
+    with pytest.raises(InputError, match="arrives: 2:1 at other values"):
+        locate_tangencies(unstable(0.35), unstable(0.351))
