@@ -92,7 +92,7 @@ def _same_at_rest(base: BallProblem, z: Balls, times: int, box: Balls, impact: i
     the event, lies in a box."""
     m, n = base.problem.m, base.problem.n
     orbit, value, touch, others = z[: n + 1], z[n], z[n + 1], z[n + 2 :]
-    span = base.span(orbit)
+    span = arb(base.span(orbit))
     rows = [
         [row[0] + copy * span, *row[1:]]
         for copy in range(times)

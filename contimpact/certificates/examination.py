@@ -20,7 +20,7 @@ from .event import EventCertificate
 from .orbit import Limit, limits
 from .tube import Budget, Segment, Tube, halve_segment, prove_tube
 from .zeros import (
-    OF_TWO,
+    MULTIPLIERS,
     Cell,
     FlightCoordinate,
     Patch,
@@ -312,7 +312,7 @@ def covered_kinds(kinds: Sequence[str]) -> list[str]:
     return [
         name
         for name, kind in own
-        if (kind.multiplier in OF_TWO and not kind.crossing) or "touch_time" in kind.needed
+        if (kind.multiplier in MULTIPLIERS and not kind.crossing) or "touch_time" in kind.needed
     ]
 
 

@@ -23,7 +23,8 @@ from .tube import Model, Segment, Tube, coefficient, shift_polynomial
 
 # Test functions along a tube: functions of the flights that vanish at folds and period doublings.
 #
-# With two multipliers they are the polynomial :math:`b\mu^2 - c\mu + a` at 1 and -1. With more, the
+# With two multipliers they are the polynomial :math:`b\mu^2 - c\mu + a` at 1 and -1, with the
+# product of impact speeds as a factor, so without poles. With more, the
 # cyclic matrix C(mu) is singular: its determinant is the test function, in orthogonal coordinates U
 # and V in which it is diagonal in the middle of the tube, its smallest singular value last.
 # Elimination gives it as a product of pivots, and divides by none but the last one; where another
@@ -33,25 +34,20 @@ from .tube import Model, Segment, Tube, coefficient, shift_polynomial
 Test: TypeAlias = Callable[[list[Flight]], Any]
 
 
-def doubling(flights: list[Flight]) -> Any:
-    """The multipliers' polynomial at -1: with the product of impact speeds, so without poles."""
-    b, c, a = characteristic(flights)
-    return b + c + a
-
-
-def turning_test(flights: list[Flight]) -> Any:
-    """The same at 1: zero where the parameter turns along a branch."""
-    b, c, a = characteristic(flights)
-    return b - c + a
-
-
-OF_TWO: dict[float, Test] = {1.0: turning_test, -1.0: doubling}
-"""Test function of two impacts, by the multiplier that passes the unit circle."""
+MULTIPLIERS = (1.0, -1.0)
+"""Multipliers that pass the unit circle alone, at events of which a tube is searched."""
 
 
 def test_at(segment: Segment, mu: float) -> Test:
     """Return the test function of a multiplier, the same function for all of a segment."""
-    return OF_TWO[mu] if segment.space.problem.m == 2 else _Determinant(segment, mu)
+    if segment.space.problem.m > 2:
+        return _Determinant(segment, mu)
+
+    def polynomial(flights: list[Flight]) -> Any:
+        b, c, a = characteristic(flights)
+        return b * mu * mu - c * mu + a
+
+    return polynomial
 
 
 LARGEST = 8
@@ -64,10 +60,7 @@ flights vanish, and that is no event."""
 
 def is_regular(segment: Segment, flights: list[Flight]) -> bool:
     """Return whether the multipliers' polynomial is proven not to be zero everywhere."""
-    if segment.space.problem.m == 2:
-        b, c, a = characteristic(flights)
-        return any(not (b * mu * mu - c * mu + a).contains(0) for mu in ELSEWHERE)
-    return any(not _Determinant(segment, mu)(flights).contains(0) for mu in ELSEWHERE)
+    return any(not test_at(segment, mu)(flights).contains(0) for mu in ELSEWHERE)
 
 
 class _Determinant:

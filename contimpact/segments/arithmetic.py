@@ -36,6 +36,8 @@ class Kernel(Protocol):
     parameters: frozenset[str]
     """Parameters that its results depend on."""
 
+    functions: dict[str, Callable[..., Any]]
+    """Functions of its own, which take the numbers of any arithmetic."""
     text: str
     """Text as it was written, its constants by name."""
     source: str
@@ -69,19 +71,28 @@ class Arithmetic:
 def evaluate_in(kernel: Kernel, arithmetic: Arithmetic) -> Callable[..., Any]:
     """Return a kernel as a function of the numbers of an arithmetic."""
     code = _exact_code(kernel.text) if arithmetic.exact else kernel.__code__
-    return types.FunctionType(code, arithmetic.names, kernel.__name__)
+    names = arithmetic.names | kernel.functions if kernel.functions else arithmetic.names
+    return types.FunctionType(code, names, kernel.__name__)
 
 
-def kernel_of(name: str, text: str, file: str) -> Kernel:
-    """Return a kernel, as a function of floats, from its text."""
-    namespace = dict(FLOATS.names)
+def kernel_of(
+    name: str, text: str, file: str, functions: dict[str, Callable[..., Any]] | None = None
+) -> Kernel:
+    """Return a kernel, as a function of floats, from its text.
+
+    Parameters
+    ----------
+    functions : dict, optional
+        Functions that it calls and arithmetics do not have, written in plain sums and products.
+    """
+    namespace = FLOATS.names | (functions or {})
     source = _CONSTANT.sub(_fold_name, text)
     exec(compile(source, file, "exec"), namespace)
     kernel: Kernel = namespace[name]
     kernel.family, kernel.parameters = declaration_of(text)
     if kernel.family is Family.INTEGRATED:
         require()
-    kernel.text, kernel.source = text, source
+    kernel.text, kernel.source, kernel.functions = text, source, functions or {}
     return kernel
 
 
