@@ -34,7 +34,10 @@ PACKAGES = {
 }
 """The packages, and which others the modules of each may import, as the page says."""
 
-FOR_ALL = {"contimpact", *(f"contimpact.{n}" for n in ("arrays", "display", "errors", "progress"))}
+FOR_ALL = {
+    "contimpact",
+    *(f"contimpact.{n}" for n in ("arrays", "display", "errors", "progress", "schema")),
+}
 """What any package may import as well."""
 
 TRUSTED = {
@@ -161,6 +164,7 @@ def test_every_package_is_known():
         "display",
         "errors",
         "progress",
+        "schema",
         "telling",
     } == {*PACKAGES}
 

@@ -8,10 +8,8 @@ from scipy.integrate import solve_ivp
 
 import contimpact as ci
 from contimpact.errors import InputError
-from contimpact.results.options import Table
 from contimpact.results.quantities import series_of
-from contimpact.results.scene import read_scene
-from contimpact.results.scene_tables import read_model
+from contimpact.results.scene import read_model, read_scene
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +61,7 @@ def test_balance_two_masses():
         "guards": {"S": {"within": "x2 <= d", "restitution": "e"}},
         "parameters": {"mu": 0.5, "c": 0.2, "F": 1.0, "w": 1.3, "d": 0.1, "e": 0.7},
     }
-    model = read_model(Table(scene, "model"))
+    model = read_model(scene)
     orbits = ci.find_orbits(model, "1")
     assert orbits
     for orbit in orbits:
@@ -140,7 +138,7 @@ def test_balance_hybrid(power):
     """Linear flights, and integrated ones, of a mass other than one."""
     if power != "x":
         pytest.importorskip("heyoka")
-    model = read_model(Table(hybrid(f"(F*cos(w*t) - c*v - k*{power})/m"), "model"))
+    model = read_model(hybrid(f"(F*cos(w*t) - c*v - k*{power})/m"))
     orbit = next(o for o in ci.find_orbits(model, "1") if o.physical)
     work, damping = orbit.mean("F*cos(w*t)*v"), orbit.mean("c*v**2")
     lost = ci.losses(orbit).per_time

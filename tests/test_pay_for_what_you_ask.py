@@ -84,7 +84,6 @@ OWN_HEAVY = (
     "models.symbolic",
     "results.formats",
     "results.formats",
-    "results.simulate_tables",
     "segments.ball_flow",
     "segments.ball_flow",
     "segments.balls",
@@ -92,7 +91,6 @@ OWN_HEAVY = (
     "segments.codegen",
     "segments.codegen",
     "segments.codegen",
-    "systems.membrane",
     "systems.oscillator",
 )
 """Parts of the package that following an orbit of the impact pair has no use for."""
@@ -242,16 +240,10 @@ COMMANDS = {
 }
 
 
-@pytest.mark.parametrize(
-    ("tables", "allowed"),
-    [
-        ("", ()),
-        (SIMULATED, ("results.simulate_tables", "systems.membrane")),
-    ],
-)
+@pytest.mark.parametrize("tables", ["", SIMULATED])
 @pytest.mark.parametrize("name", COMMANDS)
 @pytest.mark.quick(1)
-def test_a_command_imports_what_it_needs(name, tables, allowed, tmp_path, of_numpy):
+def test_a_command_imports_what_it_needs(name, tables, tmp_path, of_numpy):
     """With a warm cache, as after the first run; what a scene says of simulations costs nothing."""
     (tmp_path / "scene.toml").write_text(TOML + tables, encoding="utf-8")
     places = {"scene": tmp_path / "scene.toml", "folder": tmp_path / "out"}
@@ -263,7 +255,7 @@ def test_a_command_imports_what_it_needs(name, tables, allowed, tmp_path, of_num
     imported(code, *arguments)
     modules = imported(code, *arguments)
     assert among(modules, HEAVY) == []
-    assert among(modules, own(*(set(OWN_HEAVY) - set(allowed)))) == []
+    assert among(modules, own(*OWN_HEAVY)) == []
     assert among(set(modules) - of_numpy, RARE) == []
     if name == "help":
         assert among(modules, ("numpy",)) == []

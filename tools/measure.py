@@ -3,8 +3,9 @@
 Prints lines, statements, modules, packages, functions, import edges and circles of imports (imports
 inside functions and for types counted, those of the package itself left out: it finds its names
 when they are first used), the places that ask whether a system has one coordinate or
-several, the places that look for names in the code of kernels, and the functions that test; with
-``--items`` also the items that pytest collects.
+several, the places that look for names in the code of kernels, the most modules in which a key of
+a scene is spelled, and the functions that test; with ``--items`` also the items that pytest
+collects.
 """
 
 from __future__ import annotations
@@ -84,6 +85,36 @@ def asks_for_coordinates(node: ast.AST) -> bool:
     return isinstance(node, ast.Attribute) and node.attr == "several"
 
 
+def places_of_keys() -> dict[str, set[str]]:
+    """Return in which modules each key is spelled, of those that read or write tables of keys.
+
+    A key is what a class declares by ``key`` with its meaning; names of several tables are left
+    out.
+    """
+    readers = {m: tree for m, tree in TREES.items() if f"{PACKAGE.name}.schema" in imported(m)}
+    declared: dict[str, list[str]] = {}
+    spelled: dict[str, set[str]] = {}
+    for module, tree in readers.items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.AnnAssign) and isinstance(node.value, ast.Call):
+                if ast.unparse(node.value.func) == "key":
+                    rules = {rule.arg: rule.value for rule in node.value.keywords}
+                    name = ast.literal_eval(rules["name"]) if "name" in rules else None
+                    inline = rules.get("inline")
+                    names = inline.keys if isinstance(inline, ast.Dict) else []
+                    if "doc" in rules or len(node.value.args) > 1:
+                        name = name or ast.unparse(node.target)
+                    for each in (*[name] * bool(name), *map(ast.literal_eval, names)):
+                        declared.setdefault(each, []).append(module)
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                spelled.setdefault(node.value, set()).add(module)
+    return {
+        name: {*modules, *spelled.get(name, ())}
+        for name, modules in declared.items()
+        if len(modules) == 1
+    }
+
+
 def main() -> None:
     """Print the figures."""
     graph = {module: imported(module) & set(FILES) for module in FILES}
@@ -106,6 +137,7 @@ def main() -> None:
             isinstance(node, ast.Attribute) and ast.unparse(node).endswith("__code__.co_names")
             for node in every
         ),
+        "places per scene key": max(map(len, places_of_keys().values())),
         "functions that test": len(functions),
     }
     if "--items" in sys.argv:

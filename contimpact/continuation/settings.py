@@ -7,41 +7,35 @@ import numbers
 from dataclasses import dataclass
 
 from ..errors import InputError, explain_arguments
+from ..schema import documented, key
 
 PREDICTORS = ("tangent", "secant")
 
 
 @explain_arguments
+@documented
 @dataclass(frozen=True)
 class Settings:
-    """Numerics of a walk; lengths are in the branch's metric.
+    """Numerics of a walk; lengths are in the branch's metric."""
 
-    Parameters
-    ----------
-    tolerance : float
-        Largest residual a point may have.
-    max_iterations : int
-        Corrector iterations before a step is refused.
-    step, min_step, max_step : float
-        First, smallest and largest step.
-    max_angle : float
-        Largest angle between the tangents of neighbouring points, rad. A tenth of it is the
-        largest defect of a step, by which steps over a wiggle of the branch are seen.
-    max_points : int
-        Points of one walk.
-    predictor : {"tangent", "secant"}
-        Direction in which the next point is guessed: along the tangent, or along the chord from
-        the point before.
-    """
-
-    tolerance: float = 1e-12
-    max_iterations: int = 8
-    step: float = 0.01
-    min_step: float = 1e-7
-    max_step: float = 0.1
-    max_angle: float = 0.2
-    max_points: int = 2000
-    predictor: str = "tangent"
+    tolerance: float = key(1e-12, "largest residual a point may have", above=0, most=1e-3)
+    max_iterations: int = key(8, "corrector iterations before a step is refused", most=1000)
+    step: float = key(0.01, "first step", above=0)
+    min_step: float = key(1e-7, "smallest step", above=0)
+    max_step: float = key(0.1, "largest step", above=0)
+    max_angle: float = key(
+        0.2,
+        "largest angle between the tangents of neighbouring points, rad; a tenth of it is the "
+        "largest defect of a step, by which steps over a wiggle of the branch are seen",
+        above=0,
+    )
+    max_points: int = key(2000, "points in one direction", most=10**9)
+    predictor: str = key(
+        "tangent",
+        'how the next point is guessed: `"tangent"` along the tangent, `"secant"` along the chord '
+        "from the point before",
+        choices=PREDICTORS,
+    )
 
     def __post_init__(self) -> None:
         for name in ("tolerance", "step", "min_step", "max_step", "max_angle"):

@@ -1,187 +1,16 @@
-"""A table of a scene as it is read, key by key, and what may be asked in it."""
+"""The tables of a scene that say what else is asked for: [plot], [curves], [certify]."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ..bifurcations.declarations import CURVES
 from ..continuation.settings import Settings
-from ..errors import InputError, did_you_mean, each_once, short_repr
-from ..models.expressions import number
-
-# One table of a scene: keys are read by type, every mistake is named with the path of its key.
-#
-# Everything has a bound, so that no scene can ask for more than a machine has.
-
-LARGEST_NUMBER = 1e100
-LONGEST_TEXT = 10_000
-LONGEST_LIST = 10_000
-
-REQUIRED: Any = object()
-
-
-class Table:
-    """One table of a scene: reads keys by type, and refuses those that nothing has read.
-
-    Parameters
-    ----------
-    data : mapping
-        The table as it was read.
-    path : str
-        Its place in the scene, empty for the scene itself.
-
-    Attributes
-    ----------
-    asked : list of str
-        The keys read so far.
-
-    Notes
-    -----
-    Methods that take a key raise `InputError` if it is missing and has no default, of another type,
-    or out of bounds.
-    """
-
-    def __init__(self, data: Mapping[str, Any], path: str) -> None:
-        self.data, self.path = data, path
-        self.asked: list[str] = []
-
-    def place(self, key: str) -> str:
-        """Return the path of a key."""
-        return f"{self.path}.{key}" if self.path else key
-
-    def take(self, key: str, default: Any, wanted: str) -> Any:
-        """Return what stands at a key, or the default."""
-        self.asked.append(key)
-        if key in self.data:
-            return self.data[key]
-        if default is REQUIRED:
-            if near := _nearest_key(key, [k for k in self.data if k not in self.asked]):
-                accepted = f"{self.place(key)} is missing: give {wanted}"
-                raise InputError(self.place(near), f"unknown key (did you mean {key!r}?)", accepted)
-            raise InputError(self.place(key), "missing", f"give {wanted}")
-        return default
-
-    def refuse(self, key: str, found: Any, wanted: str) -> InputError:
-        """Return the error for a value that cannot be used."""
-        return InputError(self.place(key), f"found {short_repr(found)}", f"give {wanted}")
-
-    def text(self, key: str, default: Any = REQUIRED) -> str:
-        """Return a text."""
-        value = self.take(key, default, "a text")
-        if not isinstance(value, str):
-            raise self.refuse(key, value, "a text in quotes")
-        if len(value) > LONGEST_TEXT:
-            raise InputError(
-                self.place(key), f"{len(value)} characters", f"at most {LONGEST_TEXT} are admitted"
-            )
-        return value
-
-    def texts(self, key: str, default: Any = REQUIRED) -> list[str]:
-        """Return a list of texts, each there once."""
-        value = self.take(key, default, "a list of texts")
-        if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
-            raise self.refuse(key, value, "a list of texts in quotes")
-        return self.distinct(key, list(self.bounded(key, value)))
-
-    def number(self, key: str, default: Any = REQUIRED) -> float:
-        """Return a number."""
-        value = self.take(key, default, "a number, or an expression in quotes")
-        return self.as_number(value, key)
-
-    def as_number(self, value: Any, key: str) -> float:
-        """Return a value as a number, of any size a scene may hold."""
-        if isinstance(value, str):
-            value = number(value, self.place(key))
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise self.refuse(key, value, "a number, or an expression in quotes")
-        if not -LARGEST_NUMBER <= value <= LARGEST_NUMBER:
-            raise self.refuse(key, value, f"a finite number, at most {LARGEST_NUMBER:g} in size")
-        return float(value)
-
-    def numbers(self, key: str) -> list[float]:
-        """Return a list of numbers, each there once."""
-        return self.distinct(key, self._numbers(key))
-
-    def _numbers(self, key: str) -> list[float]:
-        value = self.take(key, REQUIRED, "a list of numbers")
-        if not isinstance(value, list):
-            raise self.refuse(key, value, "a list of numbers")
-        return [self.as_number(v, f"{key}[{i}]") for i, v in enumerate(self.bounded(key, value))]
-
-    def distinct(self, key: str, values: list[Any]) -> list[Any]:
-        """Return a list without the values that it repeats."""
-        return each_once(values, self.place(key))
-
-    def bounded(self, key: str, values: list[Any]) -> list[Any]:
-        """Return a list if it is not too long."""
-        if len(values) > LONGEST_LIST:
-            raise InputError(
-                self.place(key), f"a list of {len(values)}", f"at most {LONGEST_LIST} are admitted"
-            )
-        return values
-
-    def pair(self, key: str) -> tuple[float, float]:
-        """Return two numbers, the lower one first."""
-        wanted = "two numbers, the lower one first"
-        if key not in self.data:
-            self.take(key, REQUIRED, wanted)
-        values = self._numbers(key)
-        if len(values) != 2 or not values[0] < values[1]:
-            raise self.refuse(key, self.data[key], wanted)
-        return values[0], values[1]
-
-    def has(self, key: str) -> bool:
-        """Whether a key is there; it counts as read."""
-        self.asked.append(key)
-        return key in self.data
-
-    def optional_numbers(self, key: str) -> list[float]:
-        """Return a list of numbers, empty if there is none."""
-        return self.numbers(key) if self.has(key) else []
-
-    def optional_pair(self, key: str) -> tuple[float, float] | None:
-        """Return two numbers, the lower one first, if they are there."""
-        return self.pair(key) if self.has(key) else None
-
-    def truth(self, key: str, default: bool) -> bool:
-        """Return true or false."""
-        value = self.take(key, default, "true or false")
-        if not isinstance(value, bool):
-            raise self.refuse(key, value, "true or false")
-        return value
-
-    def whole(self, key: str, default: Any = REQUIRED, *, least: int = 1, most: int) -> int:
-        """Return a whole number from `least` to `most`."""
-        value = self.take(key, default, "a whole number")
-        if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-            raise self.refuse(key, value, f"a whole number from {least} to {most}")
-        return value
-
-    def table(self, key: str, optional: bool = False) -> Table:
-        """Return the table at a key."""
-        value = self.take(key, {} if optional else REQUIRED, f"a table [{self.place(key)}]")
-        if not isinstance(value, dict):
-            raise self.refuse(key, value, f"a table [{self.place(key)}]")
-        return Table(value, self.place(key))
-
-    def finish(self) -> None:
-        """Refuse the keys that nothing has read."""
-        asked = list(dict.fromkeys(self.asked))
-        for key in self.data:
-            if key not in asked:
-                accepted = f"accepted are {', '.join(asked)}"
-                raise InputError(
-                    self.place(key), f"unknown key{did_you_mean(key, asked)}", accepted
-                )
-
-
-def _nearest_key(key: str, known: Sequence[str]) -> str | None:
-    """The known key that is spelled most like another, if one is."""
-    import difflib
-
-    return next(iter(difflib.get_close_matches(key[:100], known[:100], 1)), None)
-
+from ..errors import InputError
+from ..models.model import Model
+from ..schema import Table, key
 
 CURVE_SETTINGS = Settings(tolerance=1e-13, max_step=0.05, max_points=1000)
 """Numerics of curves in two parameters."""
@@ -190,12 +19,8 @@ SHOWN = ("period-1", "all", "none")
 LABELS = ("all", "period-1", "real", "none")
 QUANTITIES = ("velocity", "multipliers", "moduli", "energy", "U_I", "U_T", "gap", "period")
 VOLTAGES = ("energy", "U_I", "U_T")
-SCENE_SETTINGS = Settings(max_step=0.03)
-"""Numerics of a scene that says nothing else; steps short enough for a smooth picture."""
-
 MOST_BITS = 4096
 """Largest precision of proofs."""
-LARGEST_TOLERANCE = 1e-3
 LARGEST_SEED = 2**63 - 1
 MOST_POINTS = 10**9
 MOST_STARTS = 100_000
@@ -205,63 +30,247 @@ MOST_LINES = 1000
 MOST_BRANCHES = 100_000
 
 
+def one_of(known: Callable[[Any], Sequence[str]], what: str = "") -> Callable[..., str]:
+    """Return a check that a text is one of those that hold where it is."""
+
+    def check(text: str, where: str, here: Any) -> str:
+        if text not in (accepted := known(here)):
+            found = f"{text!r} {what}" if what else f"found {text!r}"
+            raise InputError(where, found, f"accepted are {', '.join(accepted)}")
+        return text
+
+    return check
+
+
+def range_around_start(
+    limits: tuple[float, float], where: str, model: Model, name: str
+) -> tuple[float, float]:
+    """Return the range of a parameter if it is admitted and holds the value at the start."""
+    declared, start = model.require(name, where), model.values[name]
+    low, high = (declared.check(value, where) for value in limits)
+    if not low <= start <= high:
+        found = f"[{low:.12g}, {high:.12g}] does not hold the start {name} = {start:.12g}"
+        raise InputError(where, found, f"widen it or change model.parameters.{name}")
+    return low, high
+
+
+def within(
+    values: Sequence[float], where: str, limits: tuple[float, float], which: str
+) -> Sequence[float]:
+    """Return values if all are in a range, which a key gives."""
+    low, high = limits
+    for i, value in enumerate(values):
+        if not low <= value <= high:
+            accepted = f"give a value from {low:.12g} to {high:.12g}"
+            raise InputError(f"{where}[{i}]", f"{value:.12g} is outside {which}", accepted)
+    return values
+
+
+def _quantity(name: str, where: str, here: Any) -> str:
+    known = (*QUANTITIES, *(output.name for output in here.scene.outputs))
+    one_of(lambda _: known)(name, where, here)
+    if name in VOLTAGES and not here.scene.model.MEMBRANES:
+        found = f"{name!r}, and the system {here.scene.model.SYSTEM} has no membranes"
+        raise InputError(where, found, "give another quantity")
+    return name
+
+
 @dataclass(frozen=True)
 class PlotOptions:
-    """How the diagram is drawn: the parameter on the x axis, limits, on which branches unphysical
-    orbits are shown (``period-1``, ``all``, ``none``), formats to write, which events are labelled
-    (``all``, ``period-1``, ``real``, ``none``), whether the page is written, and the quantity on
-    the y axis."""
+    """How the diagram is drawn."""
 
-    x: str
-    xlim: tuple[float, float] | None = None
-    ylim: tuple[float, float] | None = None
-    unphysical: str = "period-1"
-    formats: tuple[str, ...] = ("svg", "png")
-    labels: str = "all"
-    html: bool = False
-    y: str = "velocity"
+    x: str = key(
+        doc="the followed parameter or a derived one",
+        usual=lambda here: here.scene.parameter,
+        check=one_of(
+            lambda here: here.scene.model.varying(here.scene.parameter),
+            "does not vary along the branches",
+        ),
+        shown="the followed parameter",
+    )
+    xlim: tuple[float, float] | None = key(None, "limits of the x axis", shown="all")
+    ylim: tuple[float, float] | None = key(None, "limits of the y axis", shown="all in `xlim`")
+    unphysical: str = key(
+        "period-1",
+        'where unphysical orbits and their events are drawn: `"period-1"`, on branches of period '
+        'T, without branches that are physical nowhere if others are; `"all"`; `"none"`',
+        choices=SHOWN,
+        usual=lambda here: "period-1" if here.scene.model.few_guards else "none",
+        shown='`"period-1"`; `"none"` for systems of more than two guards',
+    )
+    formats: tuple[str, ...] = key(
+        ("svg", "png"), "files to draw, of svg, png, pdf; `[]` for none", choices=FORMATS
+    )
+    labels: str = key(
+        "all",
+        'which events are labelled: `"all"`; `"period-1"`, those of orbits of period T; `"real"`, '
+        'those that are no ghosts; `"none"`',
+        choices=LABELS,
+    )
+    html: bool = key(
+        False, "whether [the page](page.md) `diagram.html` is also written", silent=True
+    )
+    y: str = key(
+        "velocity",
+        '`"velocity"` before each impact; `"multipliers"`, their real parts; `"moduli"` of the '
+        'multipliers; `"energy"`, the output voltage of each impact, and `"U_I"`, `"U_T"`, its '
+        'means, with the membranes of `[energy]`; `"gap"`, the smallest one; `"period"`; or an '
+        "output",
+        check=_quantity,
+    )
 
 
-@dataclass(frozen=True)
+def _second_parameter(name: str, where: str, here: Any) -> str:
+    here.scene.model.require(name, where)
+    if name == here.scene.parameter:
+        raise InputError(where, f"{name} is followed already", "give another one")
+    return name
+
+
+def _curve_kind(kind: str, where: str, here: Any) -> str:
+    looked_for = [k for k in CURVES if k in here.scene.events]
+    if kind not in looked_for:
+        accepted = f"accepted are those of {', '.join(CURVES)} that detect.events names: "
+        raise InputError(where, f"found {kind!r}", accepted + (", ".join(looked_for) or "none"))
+    return kind
+
+
+def _family(
+    given: Mapping[str, tuple[float, ...]], where: str, here: Any
+) -> tuple[str, tuple[float, ...]] | None:
+    """One parameter and the values it takes."""
+    if not given:
+        return None
+    (name, values), *others = given.items()
+    declared = here.scene.model.require(name, f"{where}.{name}")
+    if name in (here.scene.parameter, here.parameter):
+        raise InputError(f"{where}.{name}", "it is followed already", "give another one")
+    if others:
+        raise InputError(f"{where}.{others[0][0]}", "a second parameter", f"give {name} alone")
+    if not values:
+        raise InputError(f"{where}.{name}", "empty", "give at least one value")
+    return name, tuple(declared.check(value, f"{where}.{name}") for value in values)
+
+
+def _third(
+    given: Mapping[str, Any], where: str, here: Any
+) -> tuple[str, tuple[float, float]] | None:
+    """A further parameter and its range."""
+    if not given:
+        return None
+    table = Table(given, where)
+    name = table.get("parameter", str)
+    here.scene.model.require(name, table.place("parameter"))
+    if name in (here.scene.parameter, here.parameter):
+        found = f"{name} is followed already"
+        raise InputError(table.place("parameter"), found, "give another one")
+    limits = table.get("range", tuple[float, float])
+    table.finish()
+    return name, range_around_start(limits, table.place("range"), here.scene.model, name)
+
+
+@dataclass(frozen=True, kw_only=True)
 class CurveOptions:
     """Which curves to follow in a second parameter."""
 
-    parameter: str
-    range: tuple[float, float]
-    kinds: tuple[str, ...]
-    """Kinds of the entries at which curves start."""
-    unphysical: tuple[str, ...] = ()
-    """Kinds of which curves start also at entries of unphysical orbits."""
-    values: tuple[float, ...] = ()
-    """Values of the second parameter to hit exactly."""
-    family: tuple[str, tuple[float, ...]] | None = None
-    """A third parameter, and the values of it for which everything is repeated."""
-    settings: Settings = CURVE_SETTINGS
-    start: tuple[float, ...] = ()
-    """Further values of the second parameter at which curves start and are checked."""
-    third: tuple[str, tuple[float, float]] | None = None
-    """A parameter in which points of codimension two are followed."""
-    cover: int = 0
-    """How many lines in each direction must meet nothing new before a map is taken as complete; 0
-    asks for none."""
-    areas: bool = False
-    """Whether the rectangle is divided into areas by what ends the stable orbits."""
-    reach: int = 1
-    """How many words away from the scene's the orbits may be whose curves start at points of
-    codimension two."""
+    parameter: str = key(
+        doc="the second parameter; another one than `follow.parameter`", check=_second_parameter
+    )
+    range: tuple[float, float] = key(
+        doc="its range; it contains the scene's own value",
+        check=lambda limits, where, here: range_around_start(
+            limits, where, here.scene.model, here.parameter
+        ),
+    )
+    kinds: tuple[str, ...] = key(
+        ("PD", "G"),
+        "kinds of entries at which curves start: FB, BP, PD, NS, G, V, UZ, if `detect.events` "
+        "names them",
+        check=lambda kinds, where, here: tuple(
+            _curve_kind(kind, f"{where}[{i}]", here) for i, kind in enumerate(kinds)
+        ),
+    )
+    unphysical: tuple[str, ...] = key(
+        (),
+        "the kinds of which curves also start on orbits that are unphysical for another reason: "
+        "all, none, or those named",
+        given=bool | tuple[str, ...],
+        accepted="true, false, or a list of texts",
+        shown="false",
+        each=one_of(lambda here: here.kinds),
+        check=lambda given, where, here: (
+            given if isinstance(given, tuple) else here.kinds if given else ()
+        ),
+    )
+    values: tuple[float, ...] = key((), "values of the second parameter to hit exactly")
+    start: tuple[float, ...] = key(
+        (),
+        "further values of the second parameter at which curves start, and are "
+        "[checked](curves.md#competition)",
+        check=lambda values, where, here: within(values, where, here.range, "curves.range"),
+    )
+    cover: int = key(
+        0,
+        "make the map [complete](curves.md#completeness): how many lines in each direction must "
+        "find nothing new; 0 for no lines",
+        least=0,
+        most=MOST_LINES,
+    )
+    areas: bool = key(
+        False, "divide the rectangle into [areas](curves.md#areas) by what ends the stable orbits"
+    )
+    reach: int = key(
+        doc="how many words away from the scene's the orbits may be whose curves start at "
+        "[points of codimension two](curves.md#completeness); with 0 only the scene's words have "
+        "curves",
+        least=0,
+        most=MOST_TRIES,
+        usual=lambda here: max(1, here.scene.depth if here.scene.switch else 0),
+        shown="`follow.depth` if it switches, or 1",
+    )
+    settings: Settings = key(
+        CURVE_SETTINGS,
+        inline={
+            "step": {},
+            "max_step": {},
+            "max_points": {"least": 2, "doc": "points of one curve in one direction"},
+        },
+    )
+    family: tuple[str, tuple[float, ...]] | None = key(
+        None,
+        "a third parameter and the values for which everything is repeated",
+        given=Mapping[str, tuple[float, ...]],
+        check=_family,
+        write=lambda family: {family[0]: list(family[1])} if family else {},
+    )
+    third: tuple[str, tuple[float, float]] | None = key(
+        None,
+        "`parameter` and `range` of a third parameter, in which [points of codimension two]"
+        "(curves.md#three-parameters) are followed; the range contains the scene's own value",
+        given=Mapping[str, Any],
+        check=_third,
+        write=lambda third: {"parameter": third[0], "range": list(third[1])} if third else {},
+    )
 
 
 @dataclass(frozen=True)
 class CertifyOptions:
     """What ``contimpact certify`` proves."""
 
-    bits: int = 128
-    """Precision to begin with."""
-    max_bits: int = 512
-    """Precision up to which it is doubled where a proof fails."""
-    branches: bool = True
-    """Whether branches are proven complete, besides their entries."""
+    bits: int = key(128, "initial precision", least=53, most=MOST_BITS)
+    max_bits: int = key(
+        512,
+        "precision up to which it is doubled",
+        least=lambda here: here.bits,
+        most=MOST_BITS,
+        check=lambda bits, where, here: max(bits, here.bits),
+        shown="512, or `bits`",
+    )
+    branches: bool = key(True, "whether branches are proven complete")
+    seconds: float = key(
+        600.0,
+        "processor time for the proof of one branch; what is left is `unproven`, for that reason",
+        above=0,
+    )
     events: tuple[str, ...] = ("FB", "PD", "G")
     """Kinds of events that are certified; by default those the scene looks for."""
-    seconds: float = 600.0
-    """Processor time that the proof of a branch may take; what is left then is unproven."""

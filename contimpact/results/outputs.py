@@ -13,7 +13,7 @@ from ..models.model import Model
 from ..models.outputs import Output
 from ..orbits.outputs import means_of
 from .branch import Branch, orbit_at
-from .scene_tables import OUTPUT_ERROR
+from .scene import OUTPUT_ERROR
 
 
 def add_outputs(branch: Branch, outputs: Sequence[Output], model: Model) -> Branch:

@@ -12,39 +12,63 @@ import re
 import sys
 import tomllib
 import unicodedata
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from ..bifurcations.declarations import EVENTS, KINDS, SECOND
+from ..bifurcations.declarations import (
+    CONTINUED,
+    EVENTS,
+    KINDS,
+    SECOND,
+    SWITCHES,
+    unknown_kind,
+    usual_events,
+    wanted_kinds,
+)
 from ..continuation.settings import Settings
 from ..display import ParameterItems
 from ..errors import InputError, each_once, explain_arguments, short_repr
 from ..models.guards import graph
 from ..models.model import Model
-from ..models.outputs import Output
+from ..models.outputs import Output, check_output
 from ..models.word import Word, parse_word
+from ..schema import Key, Table, fit, key, read, written
 from ..storage.files import check_length, read_bounded, reason
-from ..systems import SYSTEMS
-from .options import FORMATS, SCENE_SETTINGS, CertifyOptions, CurveOptions, PlotOptions, Table
-from .scene_tables import (
-    read_certify,
-    read_curves,
-    read_detect,
-    read_model,
-    read_numerics,
-    read_outputs,
-    read_plot,
-    read_reach,
-    read_simulation,
+from ..systems import SYSTEMS, system
+from ..systems.membrane import Membrane
+from .options import (
+    LARGEST_SEED,
+    MOST_BRANCHES,
+    MOST_POINTS,
+    MOST_STARTS,
+    MOST_TRIES,
+    QUANTITIES,
+    CertifyOptions,
+    CurveOptions,
+    PlotOptions,
+    range_around_start,
+    within,
 )
+from .simulate_tables import SimulateOptions
 
 if TYPE_CHECKING:
-    from ..systems.membrane import Membrane
-    from .simulate_tables import SimulateOptions
+    from ..models.machine import Machine
+    from ..models.stated_modes import StatedModes
 
+T = TypeVar("T")
+
+SCENE_SETTINGS = Settings(max_step=0.03)
+"""Numerics of a scene that says nothing else; steps short enough for a smooth picture."""
+OUTPUT_ERROR = "_error"
+"""Ends the name of the column with the error estimates of a mean."""
+_COLUMNS = re.compile(
+    rf"arclength|residual|iterations|reason|event|physical|n_unstable|smallest_gap|"
+    rf"[a-z]+\d+|\w*(_re|_im|{OUTPUT_ERROR})|{'|'.join(QUANTITIES)}"
+)
+"""Names that columns of branches and quantities have."""
 
 # Names of scenes, and the folders that results have in a run of several scenes.
 #
@@ -260,54 +284,309 @@ LONG_KEY = re.compile(
 )
 """A dotted key of more names than `LONGEST_KEY`; reading it takes the square of their number."""
 
-__all__ = ["FORMATS", "CurveOptions", "PlotOptions", "Scene", "load_scene", "read_scene"]
+
+def _machine(table: Table, kind: type[Model]) -> Model:
+    """The machine that [model] states."""
+    from ..models.machine import machine_of_table
+
+    lists = {name: table.get(name, Any, accepted="a list") for name in ("coordinates", "mass")}
+    size = len(lists["coordinates"]) if isinstance(lists["coordinates"], list) else 1
+    given = {
+        **lists,
+        "damping": table.get("damping", Any, [0] * size),
+        "stiffness": table.get("stiffness", Any, [0] * size),
+        "force": table.get("force", Any, accepted="a list of expressions in t"),
+        "period": table.get("period", Any, accepted="the forcing period"),
+        "guards": table.table("guards").data,
+    }
+    return _complete_system(table, kind, lambda names: machine_of_table(given, names))
 
 
-@dataclass(frozen=True)
+def _modes(table: Table, kind: type[Model]) -> Model:
+    """The hybrid system that [model] states."""
+    from ..models.stated_modes import modes_of_table
+
+    given = {name: table.table(name).data for name in ("modes", "guards")}
+    given |= {name: table.table(name, optional=True).data for name in ("define", "mass")}
+    given["period"] = table.get("period", Any, accepted="the forcing period")
+    return _complete_system(table, kind, lambda names: modes_of_table(given, names))
+
+
+STATEMENTS = {"linear": _machine, "hybrid": _modes}
+"""Readers of the systems that scenes state themselves."""
+
+
+def _complete_system(
+    table: Table, kind: type[Model], state: Callable[[list[str]], Machine | StatedModes]
+) -> Model:
+    """The system that the names of its parameters complete; each has to stand in it."""
+    from ..models.machine import check_use
+
+    values = table.get("parameters", Mapping[str, float])
+    table.finish()
+    try:
+        machine = state(list(values))
+        model = kind(machine=machine.text, **values)
+        check_use(machine.parameters, machine.expressions)
+        return model
+    except InputError as error:
+        inside = "model.parameters" if error.where in values else "model"
+        raise error.within(inside) from None
+
+
+def read_model(given: Mapping[str, Any], systems: Mapping[str, type[Model]] | None = None) -> Model:
+    """Return the model of [model] at the start's parameter values."""
+    table = Table(given, "model")
+    kind = system(table.get("system", str), "model.system", systems)
+    if kind.STATED and "machine" not in given:
+        return STATEMENTS[kind.SYSTEM](table, kind)
+    options = {name: table.get(name, str, default) for name, default in kind.OPTIONS.items()}
+    if table.has("period"):
+        options["period"] = table.get("period", str)
+    parameters = table.table("parameters")
+    if name := next((name for name in options if name in parameters.data), ""):
+        found = "not a parameter but an option"
+        raise InputError(parameters.place(name), found, f"give it as model.{name}")
+    values = {name: parameters.get(name, float) for name in parameters.data}
+    table.finish()
+    try:
+        return kind(**values, **options)
+    except InputError as error:
+        named = error.where in options or error.where == "parameters"
+        inside = "model" if named else "model.parameters"
+        raise error.within(inside) from None
+
+
+def _written_model(model: Model) -> dict[str, Any]:
+    return {"system": model.SYSTEM, **model.options, "parameters": dict(model.values)}
+
+
+def _range(limits: tuple[float, float], where: str, here: Any) -> tuple[float, float]:
+    low, high = range_around_start(limits, where, here.model, here.parameter)
+    here.model.validate_between(here.parameter, low, high, where)
+    return low, high
+
+
+def _orbits(texts: tuple[str, ...], where: str, here: Any) -> tuple[Word, ...]:
+    model = here.model
+    words = [
+        parse_word(text, model.letters, f"{where}[{i}]", graph(model.WALLS), model.autonomous)
+        for i, text in enumerate(texts)
+    ]
+    if not words:
+        raise InputError(where, "empty", "name at least one orbit, such as '1:1'")
+    return tuple(each_once(words, where))
+
+
+def _kind(kind: str, where: str, here: Any) -> str:
+    if kind not in KINDS:
+        raise unknown_kind(kind, where)
+    return kind
+
+
+def _values(
+    given: Mapping[str, list[float]], where: str, here: Any
+) -> Mapping[str, Sequence[float]]:
+    """The values to hit; the kind of their events is added to those that are looked for."""
+    varying = (*here.model.varying(here.parameter), *["period"] * here.model.autonomous)
+    for name, values in given.items():
+        if name not in varying:
+            found = "it does not vary along the branches"
+            raise InputError(f"{where}.{name}", found, f"accepted are {', '.join(varying)}")
+        if not values:
+            raise InputError(f"{where}.{name}", "empty", "give at least one value")
+    own = f"{where}.{here.parameter}"
+    within(given.get(here.parameter, ()), own, here.range, "follow.range")
+    here.events = tuple(wanted_kinds(here.events, given, "detect.events", f"give {own} = [...]"))
+    return given
+
+
+def _switch(kinds: tuple[str, ...], where: str, here: Any) -> tuple[str, ...]:
+    for i, kind in enumerate(kinds):
+        place = f"{where}[{i}]"
+        if kind not in SWITCHES:
+            accepted = f"accepted are {', '.join(SWITCHES)}"
+            raise InputError(place, f"cannot switch at {short_repr(kind)}", accepted)
+        if kind not in here.events:
+            found = f"{kind} is not among the events looked for"
+            accepted = f"add it to detect.events, which has {', '.join(here.events) or 'none'}"
+            raise InputError(place, found, accepted)
+    return kinds
+
+
+def _outputs(given: Mapping[str, Any], where: str, here: Any) -> tuple[Output, ...]:
+    found = []
+    for name, value in given.items():
+        place = f"{where}.{name}"
+        if at_impacts := isinstance(value, Mapping):
+            own = Table(value, place)
+            value = own.get("before_impacts", str)
+            own.finish()
+        accepted = "an expression in quotes, or { before_impacts = an expression }"
+        value = fit(value, str, place, Key(accepted=accepted))
+        if _COLUMNS.fullmatch(name):
+            text = f"{short_repr(name)} is or may be a column of tables"
+            raise InputError(place, text, "give another name, such as P")
+        found.append(Output(name, value, at_impacts))
+        check_output(found[-1], here.model, place)
+    return tuple(found)
+
+
+def _written_outputs(outputs: Sequence[Output]) -> dict[str, Any]:
+    return {
+        one.name: {"before_impacts": one.expression} if one.at_impacts else one.expression
+        for one in outputs
+    }
+
+
+def _forced(asked: T, where: str, here: Any, why: str, accepted: str) -> T:
+    """What a table asks for, which is refused for a system without forcing."""
+    if here.model.autonomous:
+        found = f"{why} the forcing's period, and the system has no forcing"
+        raise InputError(where, found, accepted)
+    return asked
+
+
+def _simulate(asked: SimulateOptions, where: str, here: Any) -> SimulateOptions:
+    accepted = "leave it out; Simulator computes single motions"
+    return _forced(asked, where, here, "attractors are told by", accepted)
+
+
+def _energy(asked: Membrane, where: str, here: Any) -> Membrane:
+    if not here.model.MEMBRANES:
+        found = f"the system {here.model.SYSTEM} has no membranes"
+        raise InputError(where, found, "leave [energy] out")
+    return asked
+
+
+def _certify(asked: CertifyOptions, where: str, here: Any) -> CertifyOptions:
+    asked = replace(asked, events=here.events)
+    return _forced(asked, where, here, "proofs are for", "leave it out")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Scene(ParameterItems):
-    """A validated scene."""
+    """A validated scene; its fields are the keys of the scene's tables."""
 
-    name: str
-    source: str
-    model: Model
+    name: str = key(
+        doc="one line without control characters, at most 200 bytes in UTF-8; it gives results "
+        "their [folder](catalogue.md#folders-of-several-scenes)",
+        check=lambda name, where, here: check_name(name),
+    )
+    source: str = key("", "where the scene comes from")
+    model: Model = key(
+        given=Mapping[str, Any],
+        check=lambda given, where, here: read_model(given, here.scene),
+        write=_written_model,
+    )
     """Model at the start's parameter values."""
-    parameter: str
-    """The followed parameter."""
-    range: tuple[float, float]
-    orbits: tuple[Word, ...]
-    switch: tuple[str, ...] = ()
-    """Kinds of events at which to switch to the branch born there."""
-    depth: int = 1
-    """How many switches deep."""
-    max_branches: int = 50
-    max_points: int = 20000
-    """`max_branches`, `max_points`: budget of the whole diagram."""
-    survey: bool | str = False
-    """Whether to look for more orbits across the range: of each word met, or, with "orbits", of
-    those named alone."""
-    unphysical: bool = True
-    """Whether branches go on, and begin, where their orbits are unphysical."""
-    events: tuple[str, ...] = EVENTS
-    """Kinds to look for."""
-    values: Mapping[str, Sequence[float]] = field(default_factory=dict)
-    """Values to hit exactly, by parameter."""
-    crises: bool = False
-    """Whether crises are located where complex motion ends."""
-    settings: Settings = SCENE_SETTINGS
-    seed: int = 0
-    starts: int = 256
-    rounds: int = 8
-    """`seed`, `starts`, `rounds`: of the search for orbits."""
-    plot: PlotOptions = field(kw_only=True)
-    curves: CurveOptions | None = None
-    simulate: SimulateOptions | None = None
+    parameter: str = key(
+        table="follow",
+        doc="the parameter to follow: any of the model's; derived ones are refused, with those "
+        "they are derived from",
+        check=lambda name, where, here: here.model.require(name, where) and name,
+    )
+    range: tuple[float, float] = key(
+        table="follow",
+        doc="lower and upper limit, in the parameter's unit; the start lies within",
+        check=_range,
+    )
+    orbits: tuple[Word, ...] = key(
+        table="follow",
+        doc="the orbits to start from. Words without an orbit at the start are listed, with values "
+        "at which there are some; the scene is refused if none has one",
+        given=tuple[str, ...],
+        check=_orbits,
+        write=lambda words: [str(word) for word in words],
+    )
+    events: tuple[str, ...] = key(
+        EVENTS,
+        "kinds of [events](mathematics.md#events) to locate; `[]` for none",
+        table="detect",
+        usual=lambda here: usual_events(here.model),
+        each=_kind,
+        shown='`["FB", "BP", "PD", "G", "V", "T"]`, and NS',
+    )
+    values: Mapping[str, Sequence[float]] = key(
+        {}, table="detect", given=Mapping[str, list[float]], check=_values
+    )
+    crises: bool = key(
+        False,
+        "whether [crises](crises.md) are located where complex motion ends, as entries CR: along "
+        "the sweeps of `[simulate]`, or else 101 values both ways",
+        table="detect",
+        silent=True,
+    )
+    switch: tuple[str, ...] = key(
+        (),
+        "kinds of events at which to follow the branch that starts there: BP, PD, G and V, at "
+        "which others are born, and T, beyond which [the motion continues]"
+        "(scene.md#order-of-impacts); each must also be in `detect.events`",
+        table="follow",
+        usual=lambda here: tuple(kind for kind in CONTINUED if kind in here.events),
+        check=_switch,
+        shown='`["T"]`',
+    )
+    depth: int = key(
+        1,
+        "how many switches deep; an exchange of impacts at a T does not count",
+        table="follow",
+        least=0,
+        most=MOST_TRIES,
+    )
+    max_branches: int = key(50, "branches of the whole diagram", table="follow", most=MOST_BRANCHES)
+    max_points: int = key(
+        20000, "points of the whole diagram", table="follow", least=2, most=MOST_POINTS
+    )
+    survey: bool | str = key(
+        False,
+        "whether to look for more orbits at nine values across the range and to follow them: of "
+        "every word found or named, or, in a third of the time, of those in `orbits` alone",
+        table="follow",
+        choices=("orbits",),
+        accepted='true, false or "orbits"',
+    )
+    unphysical: bool = key(
+        True,
+        "whether unphysical orbits are followed. With false a branch ends a step behind the event "
+        "that makes its orbits unphysical, and nothing born on unphysical orbits is followed; the "
+        "orbit without impacts is followed throughout",
+        table="follow",
+        usual=lambda here: here.model.few_guards,
+        shown="true for systems of at most two guards",
+    )
+    settings: Settings = key(
+        SCENE_SETTINGS, table="numerics", inline={f.name: {} for f in fields(Settings)}
+    )
+    seed: int = key(
+        0, "seed of the search for orbits", table="numerics", least=0, most=LARGEST_SEED
+    )
+    starts: int = key(
+        256, "random starts in one round of the search", table="numerics", most=MOST_STARTS
+    )
+    rounds: int = key(
+        8,
+        "rounds at most; the search ends after two that find nothing new",
+        table="numerics",
+        most=MOST_TRIES,
+    )
+    curves: CurveOptions | None = key(None)
+    simulate: SimulateOptions | None = key(None, check=_simulate)
     """Options of ``contimpact simulate``; ``contimpact run`` sweeps by them for crises."""
-    energy: Membrane | None = None
+    energy: Membrane | None = key(None, check=_energy)
     """Data from which output voltages are computed, if they are."""
-    certify: CertifyOptions | None = None
-    """Options of ``contimpact certify``, where the scene has some."""
-    outputs: tuple[Output, ...] = ()
+    certify: CertifyOptions | None = key(None, check=_certify)
+    outputs: tuple[Output, ...] = key(
+        (),
+        name="output",
+        given=Mapping[str, Any],
+        usual=lambda here: {},
+        check=_outputs,
+        write=_written_outputs,
+        silent=True,
+    )
     """Expressions of which branches have the means."""
+    plot: PlotOptions = key(usual=lambda here: read(PlotOptions, {}, "plot", here))
     given: Mapping[str, Any] = field(default_factory=dict)
     """The scene as it was written."""
 
@@ -323,78 +602,7 @@ class Scene(ParameterItems):
 
     def resolved(self) -> dict[str, Any]:
         """Return the scene with every default filled in, as plain data."""
-        return {
-            "name": self.name,
-            "source": self.source,
-            "model": {
-                "system": self.model.SYSTEM,
-                **self.model.options,
-                "parameters": dict(self.model.values),
-            },
-            "follow": {
-                "parameter": self.parameter,
-                "range": list(self.range),
-                "orbits": [str(word) for word in self.orbits],
-                "switch": list(self.switch),
-                "depth": self.depth,
-                "max_branches": self.max_branches,
-                "max_points": self.max_points,
-                "survey": self.survey,
-                "unphysical": self.unphysical,
-            },
-            "detect": {
-                "events": list(self.events),
-                "values": {name: list(values) for name, values in self.values.items()},
-                **({"crises": True} if self.crises else {}),
-            },
-            "numerics": {
-                **asdict(self.settings),
-                **{name: getattr(self, name) for name in ("seed", "starts", "rounds")},
-            },
-            **({"curves": self._resolved_curves()} if self.curves else {}),
-            **({"simulate": self.simulate.resolved()} if self.simulate else {}),
-            **({"energy": asdict(self.energy)} if self.energy else {}),
-            **({"certify": self._resolved_certify()} if self.certify else {}),
-            **({"output": self._resolved_outputs()} if self.outputs else {}),
-            "plot": {
-                name: list(value) if isinstance(value, tuple) else value
-                for name, value in asdict(self.plot).items()
-                if value is not None and value is not False
-            },
-        }
-
-    def _resolved_outputs(self) -> dict[str, Any]:
-        return {
-            one.name: {"before_impacts": one.expression} if one.at_impacts else one.expression
-            for one in self.outputs
-        }
-
-    def _resolved_certify(self) -> dict[str, Any]:
-        assert self.certify is not None
-        return {name: value for name, value in asdict(self.certify).items() if name != "events"}
-
-    def _resolved_curves(self) -> dict[str, Any]:
-        curves = self.curves
-        assert curves is not None
-        family = {} if curves.family is None else {curves.family[0]: list(curves.family[1])}
-        third = {} if curves.third is None else _named_range(*curves.third)
-        settings = curves.settings
-        return {
-            "parameter": curves.parameter,
-            "range": list(curves.range),
-            "kinds": list(curves.kinds),
-            "unphysical": list(curves.unphysical),
-            "values": list(curves.values),
-            "start": list(curves.start),
-            "cover": curves.cover,
-            "areas": curves.areas,
-            "reach": curves.reach,
-            "step": settings.step,
-            "max_step": settings.max_step,
-            "max_points": settings.max_points,
-            "family": family,
-            "third": third,
-        }
+        return written(self)
 
     def left_out(self, simulated: bool = False) -> list[str]:
         """Return what the scene does not ask for, in words; without a simulation that is left out,
@@ -407,11 +615,11 @@ class Scene(ParameterItems):
             words.append("second derivatives: no event needs them, not generated")
         if self.curves is None:
             words.append("curves: no [curves]")
-        for what, key in (("simulation", "simulate"), ("energy", "energy")):
-            if getattr(self, key) is None:
-                words.append(f"{what}: no [{key}]")
+        for what, table in (("simulation", "simulate"), ("energy", "energy")):
+            if getattr(self, table) is None:
+                words.append(f"{what}: no [{table}]")
             elif not simulated:
-                words.append(f"{what}: [{key}] is for contimpact simulate alone")
+                words.append(f"{what}: [{table}] is for contimpact simulate alone")
         if self.certify is not None:
             words.append("certificates: [certify] is for contimpact certify alone")
         if not self.switch:
@@ -488,10 +696,6 @@ def _text(path: Path) -> str:
     return text
 
 
-def _named_range(name: str, limits: tuple[float, float]) -> dict[str, Any]:
-    return {"parameter": name, "range": list(limits)}
-
-
 @explain_arguments
 def read_scene(given: Mapping[str, Any], systems: Mapping[str, type[Model]] | None = None) -> Scene:
     """Validate a scene given as nested mappings.
@@ -515,45 +719,4 @@ def read_scene(given: Mapping[str, Any], systems: Mapping[str, type[Model]] | No
     if not isinstance(given, Mapping):
         accepted = "give a table of tables; load_scene reads a file"
         raise InputError("scene", f"found {short_repr(given)}", accepted)
-    top = Table(given, "")
-    name = check_name(top.text("name"))
-    source = top.text("source", "")
-    model = read_model(top.table("model"), systems)
-    follow = top.table("follow")
-    parameter = follow.text("parameter")
-    declared = model.require(parameter, "follow.parameter")
-    low, high = (declared.check(v, "follow.range") for v in follow.pair("range"))
-    start = model.values[parameter]
-    if not low <= start <= high:
-        found = f"[{low:.12g}, {high:.12g}] does not hold the start {parameter} = {start:.12g}"
-        raise InputError("follow.range", found, f"widen it or change model.parameters.{parameter}")
-    model.validate_between(parameter, low, high, "follow.range")
-    words = [
-        parse_word(text, model.letters, f"follow.orbits[{i}]", graph(model.WALLS), model.autonomous)
-        for i, text in enumerate(follow.texts("orbits"))
-    ]
-    if not (orbits := tuple(each_once(words, "follow.orbits"))):
-        raise InputError("follow.orbits", "empty", "name at least one orbit, such as '1:1'")
-    detect = top.table("detect", optional=True)
-    events, values, crises = read_detect(detect, model, parameter, (low, high))
-    reach = read_reach(follow, model, events)
-    follow.finish()
-    settings, search = read_numerics(top.table("numerics", optional=True))
-    outputs = read_outputs(top.table("output", optional=True), model)
-    plot = read_plot(top.table("plot", optional=True), model, parameter, [o.name for o in outputs])
-    curves = None
-    if top.has("curves"):
-        steps = max(1, reach["depth"]) if reach["switch"] else 1
-        curves = read_curves(top.table("curves"), model, parameter, events, steps)
-    simulate, energy = read_simulation(top, model, parameter, (low, high))
-    certify = read_certify(top.table("certify"), events) if top.has("certify") else None
-    if certify and model.autonomous:
-        found = "proofs are for the forcing's period, and the system has no forcing"
-        raise InputError("certify", found, "leave it out")
-    top.finish()
-    if simulate is not None and simulate.branches:
-        simulate = replace(simulate, crises=simulate.crises or crises)
-    asked: dict[str, Any] = {"events": events, "values": values, "settings": settings, "plot": plot}
-    asked |= {"curves": curves, "simulate": simulate, "energy": energy, "certify": certify}
-    asked |= {"crises": crises, "outputs": outputs, **search, **reach}
-    return Scene(name, source, model, parameter, (low, high), orbits, given=given, **asked)
+    return read(Scene, given, scene=systems, given=given)

@@ -12,7 +12,7 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +21,9 @@ import numpy as np
 from ..arrays import Array
 from ..errors import InputError, explain_arguments, short_repr
 from ..models.expressions import values_of
-from ..results.options import LARGEST_SEED, Table
+from ..results.options import LARGEST_SEED
 from ..results.scene import Scene, read_scene, read_toml
+from ..schema import Table, fit, key, read
 
 # The points of a study: the values that its parameters take, scene by scene.
 #
@@ -45,15 +46,22 @@ class Axis:
     values: tuple[float, ...]
 
 
+def _ranges(
+    given: Mapping[str, tuple[float, float]], where: str, here: Any
+) -> Mapping[str, tuple[float, float]]:
+    if not given:
+        raise InputError(where, "empty", "give a range such as beta = [0.1, 1.5]")
+    return given
+
+
 @dataclass(frozen=True)
 class Sample:
-    """Points drawn at random, or from a Sobol' sequence, within ranges of parameters."""
+    """Points drawn at random, or from a scrambled Sobol' sequence, within ranges of parameters."""
 
-    method: str
-    """``random`` or ``sobol`` (scrambled)."""
-    count: int
-    seed: int
-    ranges: Mapping[str, tuple[float, float]]
+    method: str = key(choices=METHODS)
+    count: int = key(most=MOST_SCENES)
+    seed: int = key(0, least=0, most=LARGEST_SEED)
+    ranges: Mapping[str, tuple[float, float]] = key({}, name="range", check=_ranges)
 
     def points(self) -> Array:
         """Return the points, shape (count, number of ranges); the same for the same seed."""
@@ -70,14 +78,56 @@ class Sample:
 
 
 @dataclass(frozen=True)
+class _Spaced:
+    """Values of equal distance, or of equal ratio."""
+
+    first: float = key(name="from")
+    last: float = key(name="to")
+    count: int = key(least=2, most=MOST_SCENES)
+    spacing: str = key(SPACINGS[0], choices=SPACINGS)
+
+
+def _axis(name: str, given: Any, where: str) -> Axis:
+    if isinstance(given, Mapping):
+        at = read(_Spaced, given, where)
+        if at.spacing == "log" and at.first * at.last <= 0.0:
+            found = f"found from {at.first:.6g} to {at.last:.6g}"
+            raise InputError(where, found, "give two numbers above 0, or spacing = 'linear'")
+        spaced = np.linspace if at.spacing == "linear" else np.geomspace
+        values = tuple(float(value) for value in spaced(at.first, at.last, at.count))
+    else:
+        values = fit(given, tuple[float, ...], where)
+    if not values or len(set(values)) < len(values):
+        found = "a value twice" if values else "empty"
+        raise InputError(where, found, "give different values, at least one")
+    return Axis(name, values)
+
+
+@dataclass(frozen=True)
 class Design:
     """The points of a study."""
 
-    axes: tuple[Axis, ...]
+    axes: tuple[Axis, ...] = key(
+        {},
+        "the values of each parameter: a list, or `{ from, to, count }`, evenly spaced, or at "
+        'equal ratios with `spacing = "log"`',
+        name="grid",
+        given=Mapping[str, Any],
+        check=lambda given, where, here: tuple(
+            _axis(name, values, f"{where}.{name}") for name, values in given.items()
+        ),
+    )
     """Axes of the grid; the last one varies fastest."""
-    sample: Sample | None
-    constraints: tuple[str, ...] = ()
-    """Such as ``r_T <= r_B``, in the names of `fixed` and of the study's own parameters."""
+    sample: Sample | None = key(
+        None,
+        'additional points: `method` (`"sobol"`, a scrambled Sobol\' sequence, or `"random"`), '
+        "`count`, `seed` (0), and `range`, two numbers for each parameter",
+    )
+    constraints: tuple[str, ...] = key(
+        (),
+        'inequalities between parameters, such as `"r_T <= r_B"` or `"0.1 < s*sin(beta) < 0.2"`; '
+        "scenes that violate one are left out",
+    )
     fixed: Mapping[str, float] | None = None
     """Parameters that are the same in all scenes."""
 
@@ -134,69 +184,21 @@ def _where_holds(text: str, where: str, known: Mapping[str, Array]) -> Array:
     return np.logical_and.reduce([np.broadcast_to(one, length) for one in each])
 
 
-def read_design(table: Table, fixed: Mapping[str, float]) -> Design:
-    """Return the points that [study] asks for."""
-    axes = _axes(table.table("grid", optional=True))
-    sample = _sample(table.table("sample")) if table.has("sample") else None
-    constraints = tuple(table.texts("constraints", []))
-    design = Design(axes, sample, constraints, fixed)
+def _checked(design: Design, where: str, here: Any) -> Design:
+    """A design with the parameters that the scene itself gives."""
+    model = Table(here.scene).table("model")
+    own = model.get("parameters", Mapping[str, float], {})
     names = design.names
     if not names:
         accepted = "give the values of parameters in [study.grid], ranges in [study.sample.range]"
-        raise InputError(table.path, "no parameter differs between scenes", accepted)
+        raise InputError("study", "no parameter differs between scenes", accepted)
     if twice := next((name for name in names if names.count(name) > 1), None):
         found = f"{twice} is in the grid already"
         raise InputError(f"study.sample.range.{twice}", found, "give it in one place")
     if design.combinations > MOST_SCENES:
         found = f"{design.combinations} scenes"
-        raise InputError(table.path, found, f"at most {MOST_SCENES} are admitted")
-    return design
-
-
-def _axes(table: Table) -> tuple[Axis, ...]:
-    axes = []
-    for name in list(table.data):
-        spaced = isinstance(table.data[name], Mapping)
-        values = _spaced_values(table.table(name)) if spaced else table.numbers(name)
-        if not values or len(set(values)) < len(values):
-            found = "a value twice" if values else "empty"
-            raise InputError(table.place(name), found, "give different values, at least one")
-        axes.append(Axis(name, tuple(values)))
-    table.finish()
-    return tuple(axes)
-
-
-def _spaced_values(table: Table) -> Sequence[float]:
-    """Values of equal distance, or of equal ratio."""
-    first, last = table.number("from"), table.number("to")
-    count = table.whole("count", least=2, most=MOST_SCENES)
-    spacing = table.text("spacing", SPACINGS[0])
-    table.finish()
-    if spacing not in SPACINGS:
-        accepted = f"accepted are {', '.join(SPACINGS)}"
-        raise InputError(table.place("spacing"), f"found {spacing!r}", accepted)
-    if spacing == "linear":
-        return [float(value) for value in np.linspace(first, last, count)]
-    if first * last <= 0.0:
-        found = f"found from {first:.6g} to {last:.6g}"
-        raise InputError(table.path, found, "give two numbers above 0, or spacing = 'linear'")
-    return [float(value) for value in np.geomspace(first, last, count)]
-
-
-def _sample(table: Table) -> Sample:
-    method = table.text("method")
-    if method not in METHODS:
-        accepted = f"accepted are {', '.join(METHODS)}"
-        raise InputError(table.place("method"), f"found {method!r}", accepted)
-    count = table.whole("count", most=MOST_SCENES)
-    seed = table.whole("seed", 0, least=0, most=LARGEST_SEED)
-    ranges: Any = table.table("range")
-    limits = {name: ranges.pair(name) for name in list(ranges.data)}
-    if not limits:
-        raise InputError(ranges.path, "empty", "give a range such as beta = [0.1, 1.5]")
-    ranges.finish()
-    table.finish()
-    return Sample(method, count, seed, limits)
+        raise InputError("study", found, f"at most {MOST_SCENES} are admitted")
+    return replace(design, fixed=own)
 
 
 KEPT = ("catalogue", "readings", "attractors", "energies", "curves", "tables")
@@ -206,20 +208,34 @@ ASKED_FOR = {"attractors": "simulate", "energies": "energy", "curves": "curves"}
 LONGEST_BUDGET = 1e7
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class StudyFile:
     """A validated study."""
 
-    name: str
-    source: str
-    given: Mapping[str, Any]
-    """The file as it was written."""
-    design: Design
+    name: str = key(doc="the name of the study")
+    source: str = key("", "where it comes from")
+    design: Design = key(
+        table="study",
+        inline={name: {} for name in ("axes", "sample", "constraints")},
+        check=_checked,
+    )
     """The points of its scenes."""
-    keep: tuple[str, ...]
-    """Those of `KEPT` that are kept."""
-    budget: float | None
-    """Seconds that one scene may take."""
+    keep: tuple[str, ...] = key(
+        ("readings",),
+        "what is kept in addition to branches and events",
+        table="study",
+        choices=KEPT,
+    )
+    budget: float | None = key(
+        None,
+        "seconds that one scene may take",
+        table="study",
+        above=0,
+        most=LONGEST_BUDGET,
+        shown="none",
+    )
+    given: Mapping[str, Any] = field(default_factory=dict)
+    """The file as it was written."""
 
     @functools.cached_property
     def points(self) -> tuple[Array, Array]:
@@ -297,27 +313,10 @@ def read_study(given: Mapping[str, Any]) -> StudyFile:
     if not isinstance(given, Mapping):
         raise InputError("study", f"found {short_repr(given)}", "give a table of tables")
     given = copy.deepcopy(dict(given))
-    top = Table(given, "")
-    name, source, table = top.text("name"), top.text("source", ""), top.table("study")
-    keep = table.texts("keep", ["readings"])
-    budget = table.number("budget") if table.has("budget") else None
-    if budget is not None and not 0.0 < budget <= LONGEST_BUDGET:
-        raise table.refuse("budget", budget, f"seconds, above 0, at most {LONGEST_BUDGET:g}")
-    design = read_design(table, _scene_parameters(top))
-    table.finish()
-    study = StudyFile(name, source, given, design, tuple(keep), budget)
+    study = read(StudyFile, given, scene=given, partly=True, given=given)
     _check_scenes(study)
     _check_keep(study)
     return study
-
-
-def _scene_parameters(top: Table) -> dict[str, float]:
-    """The parameters that the scene itself gives; those of the study stand in [study]."""
-    model = top.table("model")
-    if not model.has("parameters"):
-        return {}
-    parameters = model.table("parameters")
-    return {name: parameters.number(name) for name in list(parameters.data)}
 
 
 def _check_scenes(study: StudyFile) -> None:
@@ -351,11 +350,10 @@ def _move_error(study: StudyFile, name: str, error: InputError, at: str = "") ->
 
 def _check_keep(study: StudyFile) -> None:
     for i, what in enumerate(study.keep):
-        where = f"study.keep[{i}]"
-        if what not in KEPT:
-            raise InputError(where, f"found {what!r}", f"accepted are {', '.join(KEPT)}")
         asked = ASKED_FOR.get(what)
         if asked is not None and getattr(study.first, asked) is None:
-            raise InputError(where, f"{what}, but no [{asked}]", f"add a table [{asked}]")
+            raise InputError(
+                f"study.keep[{i}]", f"{what}, but no [{asked}]", f"add a table [{asked}]"
+            )
     if "energies" in study.keep and study.first.simulate is None:
         raise InputError("study.keep", "energies, but no [simulate]", "add a table [simulate]")

@@ -17,6 +17,7 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, explain_arguments
+from ..schema import documented, key
 
 if TYPE_CHECKING:
     from ..arrays import Array
@@ -27,23 +28,10 @@ RADIUS = 5.0e-3
 
 
 @explain_arguments
+@documented
 @dataclass(frozen=True)
 class Membrane:
     """Membranes and ball of the energy harvester.
-
-    Attributes
-    ----------
-    m : float
-        Mass of the ball, kg. Not in the paper; by default that of a steel ball of the paper's
-        radius, 4.11 g. Voltages depend on it.
-    U_in : float
-        Input voltage, V.
-    R_c : float
-        Radius of the undeformed membrane, m.
-    R_b : float
-        Radius of the ball, m; smaller than R_c.
-    K, nu : float
-        Coefficient and exponent of the membrane's elastic force K delta^nu, in N and m.
 
     Raises
     ------
@@ -51,18 +39,25 @@ class Membrane:
         If a value is not positive, or the ball not smaller than the membrane.
     """
 
-    m: float = STEEL * 4.0 / 3.0 * math.pi * RADIUS**3
-    U_in: float = 2000.0
-    R_c: float = 6.3e-3
-    R_b: float = RADIUS
-    K: float = 4.0847e5
-    nu: float = 2.6
+    m: float = key(
+        STEEL * 4.0 / 3.0 * math.pi * RADIUS**3,
+        "mass of the ball, kg; not in the paper: by default that of a steel ball of its radius",
+        shown="4.110e-3",
+        above=0,
+    )
+    U_in: float = key(2000.0, "input voltage, V", above=0)
+    R_c: float = key(6.3e-3, "radius of the undeformed membrane, m", above=0)
+    R_b: float = key(RADIUS, "radius of the ball, m; smaller than `R_c`", above=0)
+    K: float = key(
+        4.0847e5, "coefficient of the membrane's elastic force K delta^nu, N/m^nu", above=0
+    )
+    nu: float = key(2.6, "its exponent", above=0)
 
     def __post_init__(self) -> None:
-        for key in fields(self):
-            value = getattr(self, key.name)
+        for field in fields(self):
+            value = getattr(self, field.name)
             if not (math.isfinite(value) and value > 0.0):
-                raise InputError(key.name, f"found {value!r}", "give a number > 0")
+                raise InputError(field.name, f"found {value!r}", "give a number > 0")
         if not self.R_b < self.R_c:
             accepted = "give a ball smaller than the membrane"
             raise InputError("R_b", f"{self.R_b!r} is not below R_c = {self.R_c!r}", accepted)
