@@ -547,8 +547,7 @@ def _codim2(event: Event, identity: str, curve: str) -> Codim2:
 
 
 def _columns(points: Sequence[Point], marks: Sequence[tuple[Point, str]]) -> dict[str, Array]:
-    marked = {point.arclength for point, _ in marks}
-    named = [*((p, "") for p in points if p.arclength not in marked), *marks]
+    named = [*((p, "") for p in points), *marks]
     named = list({(p.arclength, mark): (p, mark) for p, mark in named}.values())
     named.sort(key=lambda pair: pair[0].arclength)
     rows = [_row(point) | {"event": mark} for point, mark in named]

@@ -293,9 +293,9 @@ def test_curves_end_with_a_reason_at_the_edges(parameter, limits):
 
 
 @pytest.mark.full
-def test_a_curve_ends_on_its_limits_with_one_row():
+def test_a_curve_ends_on_its_limits():
     """The steady response of amplitude 1/sqrt((1 - w^2)^2 + c^2 w^2) reaches sigma = 1 at
-    w^2 = 2 - c^2."""
+    w^2 = 2 - c^2. The row of a value asked for at the end comes after the one of the point."""
     model = Oscillator(a=1.0, omega=2.3, c=0.1, k=1.0, sigma=0.3, r=0.8)
     stops = [
         entry
@@ -303,12 +303,13 @@ def test_a_curve_ends_on_its_limits_with_one_row():
         for entry in continue_orbit(orbit, range=(0.01, 1.0), events=["V"]).events
     ]
     curve = follow_curve(stops[0], model, "omega", (0.01, 1.0), (0.5, 3.0), values=[2.0, 3.0])
-    low, high = sorted((0, -1), key=lambda row: curve["omega"][row])
-    assert (curve["sigma"][low], curve["omega"][high]) == (1.0, 3.0)
+    low = int(np.argmin(curve["omega"]))
+    assert low in (0, len(curve) - 1)
+    assert curve["sigma"][low] == 1.0
     assert curve["omega"][low] == pytest.approx(math.sqrt(1.99), rel=1e-14)
-    assert np.sum(curve["omega"] == 3.0) == 1
-    assert curve["event"][high] == "UZ"
-    assert np.all(np.diff(curve["arclength"]) > 0.0)
+    rows = np.nonzero(curve["omega"] == 3.0)[0]
+    assert curve["event"][rows].tolist() == ["", "UZ"]
+    assert len(set(curve["arclength"][rows])) == 1
 
 
 @pytest.mark.full
