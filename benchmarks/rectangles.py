@@ -3,15 +3,18 @@
     python benchmarks/rectangles.py --seeds 0 20
 
 Each rectangle is of 1:1 or 2:1 and of any two of beta, r, r_B, A, s, M and omega, with `cover = 3`.
-On further lines at random values, in each direction, orbits are searched for anew and followed;
-every entry is to lie on a curve of the map. Flights are counted beside a scan of fifty
-one-parameter runs in each direction, with five searches on each.
+On further lines at random values, in each direction, orbits are searched for anew and followed, and
+whole one-parameter runs are made from random values, with the branches that these switch to; every
+entry is to lie on a curve of the map. A rectangle in which the scene finds no orbit is refused.
+Flights are counted beside a scan of fifty one-parameter runs in each direction, with five searches
+on each.
 """
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
+import itertools
 import math
 import statistics
 import sys
@@ -20,6 +23,7 @@ import numpy as np
 
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.map_lines import passes_entry, run_along
+from contimpact.errors import InputError
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.results.scene import read_scene
 from contimpact.segments.kernels import Kernels
@@ -100,20 +104,39 @@ def runs_at(scene, held, value, kernels, limits, searches):
     return run_along(scene, model, scene.orbits[0], kernels, limits, searched)
 
 
-def off_the_curves(scene, diagram, seed, lines):
-    """How many entries lines of their own meet, and those that lie on no curve."""
-    rng, own = np.random.default_rng([7, seed]), Kernels(scene.model, scene.parameter)
-    few, met, off = dataclasses.replace(scene, starts=64), 0, []
+def off_the_curves(scene, diagram, entries):
+    """How many of some entries are physical, and those of them that lie on no curve."""
+    own, met, off = Kernels(scene.model, scene.parameter), 0, []
+    for entry in entries:
+        there = dataclasses.replace(entry, parameter=scene.parameter)
+        if entry.kind in KINDS and entry.physical:
+            met += 1
+            on = any(passes_entry(c, there, scene.model, own) for c in diagram.curves)
+            off += [] if on else [entry]
+    return met, off
+
+
+def entries_on_lines(scene, seed, lines):
+    """Those of the scene's word on lines of their own, in both directions."""
+    rng, few = np.random.default_rng([7, seed]), dataclasses.replace(scene, starts=64)
     for held, (kernels, limits, across) in ways(scene).items():
         for value in rng.uniform(*across, lines):
             for run in runs_at(few, held, value, kernels, limits, 6):
-                for entry in run.branch("b", kinds=KINDS).events:
-                    there = dataclasses.replace(entry, parameter=scene.parameter)
-                    if entry.physical:
-                        met += 1
-                        on = any(passes_entry(c, there, scene.model, own) for c in diagram.curves)
-                        off += [] if on else [entry]
-    return met, off
+                yield from run.branch("b", kinds=KINDS).events
+
+
+def entries_of_runs(scene, seed, runs):
+    """Those of one-parameter runs from random values, in both directions."""
+    rng = np.random.default_rng([11, seed])
+    for held, (kernels, limits, across) in ways(scene).items():
+        for value in rng.uniform(*across, runs):
+            start = {held: float(value), kernels.parameter: float(rng.uniform(*limits))}
+            about = {"parameter": kernels.parameter, "range": tuple(limits), "curves": None}
+            try:
+                one = dataclasses.replace(scene, model=scene.model.replace(**start), **about)
+                yield from follow(one).entries
+            except InputError:  # no orbit there
+                continue
 
 
 def flights_of_a_scan(scene):
@@ -130,14 +153,21 @@ def main():
         "--seeds", type=int, nargs=2, default=(0, 20), help="the first, and the end"
     )
     parser.add_argument("--lines", type=int, default=20, help="in each direction")
+    parser.add_argument("--runs", type=int, default=2, help="in each direction")
     options = parser.parse_args()
     OrbitProblem.kernel_evaluations = Flights()
     ratios, entries, missing = [], 0, 0
     for seed in range(*options.seeds):
         scene, before = rectangle(seed), Flights.total
-        diagram = follow(scene)
+        try:
+            diagram = follow(scene)
+        except InputError as refused:
+            print(f"{seed}: {refused}", flush=True)
+            continue
         spent = Flights.total - before
-        met, off = off_the_curves(scene, diagram, seed, options.lines)
+        own = entries_on_lines(scene, seed, options.lines)
+        runs = entries_of_runs(scene, seed, options.runs)
+        met, off = off_the_curves(scene, diagram, itertools.chain(own, runs))
         listed = sum(len(told.uncovered) for told in diagram.coverage)
         ratios.append(flights_of_a_scan(scene) / spent)
         entries, missing = entries + met, missing + len(off)
