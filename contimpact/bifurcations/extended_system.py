@@ -26,7 +26,7 @@ import functools
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias
+from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
@@ -194,8 +194,27 @@ class SystemEvaluation:
         return self.derivatives() if callable(self.derivatives) else self.derivatives
 
 
+class ScalarForm(NamedTuple):
+    """What tells a system from others of its variant; see `scalar_systems`."""
+
+    variant: str
+    """"singular" for F = 0 and C(mu) q = 0, "touching" for F = 0 and a flight to a touch."""
+    flight: int = 0
+    touch: int = 0
+    """`flight`, `touch`: of a touch, the flight and its kind."""
+    mu: float = 0.0
+
+
 class ExtendedSystem(ABC):
-    """The defining equations of one kind of event, on the orbits of one problem."""
+    """The defining equations of one kind of event, on the orbits of one problem.
+
+    Attributes
+    ----------
+    form : ScalarForm or None
+        Of those that are scalar code as well.
+    """
+
+    form: ScalarForm | None = None
 
     def __init__(self, problem: OrbitProblem) -> None:
         self.problem = problem
@@ -229,6 +248,8 @@ class Solution:
     here: Linearisation
     own: Array
     at: SystemEvaluation
+    known_error: float | None = None
+    """The parameter's, where it came with the solution."""
 
     @property
     def unknowns(self) -> Array:
@@ -243,6 +264,8 @@ class Solution:
     @property
     def error(self) -> float:
         """A bound of the parameter's error."""
+        if self.known_error is not None:
+            return self.known_error
         return self.error_of(len(self.unknowns) - 1)
 
     def error_of(self, place: int) -> float:
@@ -268,6 +291,13 @@ def solve(system: ExtendedSystem, here: Linearisation, far: float = FAR) -> Solu
 
     It fails where it leaves the surroundings of its guess, be it for another event further away.
     """
+    if system.form is not None:
+        from . import scalar_systems
+
+        solver = scalar_systems.solver_of(system)
+        found = scalar_systems.AWAY if solver is None else solver.solve(system, here, far)
+        if found != scalar_systems.AWAY:
+            return found if isinstance(found, Solution) else None
     problem, orbit = system.problem, len(here.unknowns)
     near = surroundings(here, far)
     x, best = np.concatenate([here.unknowns, system.start(here)]), None
@@ -364,7 +394,7 @@ class SingularCycle(ExtendedSystem):
 
     def __init__(self, problem: OrbitProblem, mu: float) -> None:
         super().__init__(problem)
-        self.mu = mu
+        self.mu, self.form = mu, ScalarForm("singular", mu=mu)
 
     def start(self, here: Linearisation) -> Array:
         n = self.problem.n

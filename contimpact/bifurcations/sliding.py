@@ -42,6 +42,7 @@ from .extended_system import (
     ExtendedSystem,
     OrbitEvent,
     OrbitPoint,
+    ScalarForm,
     SystemEvaluation,
     located,
     solve,
@@ -102,6 +103,10 @@ class SlidingTouch(Arrival):
         segment = problem.kernels.segment(left, wall)
         super().__init__(problem, flight, segment, [0, *range(2, problem.m)])
         self.wall, self.time = wall, time
+        if left != SECTION:
+            walls = problem.model.letters
+            touch = len(walls) * walls.index(left) + walls.index(wall)
+            self.form = ScalarForm("touching", flight, touch)
 
     def touch(self, own: Array) -> Array:
         """Return the touch as an impact: its time and section coordinates."""

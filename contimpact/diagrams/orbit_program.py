@@ -12,7 +12,7 @@ from ..segments.compiled_flow import flow_compiled, space_of
 from ..segments.flight import single_zeros
 from ..segments.kernels import Kernels
 from ..segments.linear_flow import flow
-from ..segments.machine_code import Program
+from ..segments.machine_code import Program, choice
 from ..segments.oscillation import excursion_by_law, excursions, row_of, row_of_compiled
 from ..segments.oscillations import FollowedFlight
 from .chain_functions import (
@@ -164,14 +164,6 @@ def _add_excursions(
         program.glue(single, kernel_harmonics=kernels.harmonics, single_zeros=single_zeros)
     else:
         program.glue(GIVEN)
-
-
-def choice(name: str, arguments: str, chosen: str, functions: Sequence[str], given: str) -> str:
-    """The text of a function that calls one of several by number."""
-    lines = [f"def {name}({arguments}):"]
-    for i, function in enumerate(functions[:-1]):
-        lines += [f"    if {chosen} == {i}:", f"        return {function}({given})"]
-    return "\n".join([*lines, f"    return {functions[-1]}({given})"])
 
 
 # The program that takes steps along a branch of any word of a linear machine, for compiling.

@@ -517,6 +517,8 @@ class OrbitProblem:
         Flights through another mode and back, which can vanish with the velocities at their ends.
     kernel_evaluations : int
         Flights evaluated so far.
+    solvers : dict
+        What solves systems of events on its orbits, by their equations.
     autonomous : bool
         Whether the period is an unknown.
     """
@@ -544,6 +546,7 @@ class OrbitProblem:
         self.free = len(kernels.parameters)
         self._free = [names.index(name) for name in kernels.parameters]
         self.kernel_evaluations = 0
+        self.solvers: dict[str, Any] = {}
         if self.autonomous != model.autonomous:
             found = f"{word!r}, of a model {'without' if model.autonomous else 'with'} forcing"
             accepted = f"give the period {0 if model.autonomous else 1}, or the word as a text"
@@ -808,6 +811,14 @@ class OrbitProblem:
         found[: self.n].reshape(-1, self.m)[:] = one * math.sqrt(len(self.word))
         found[self.n :] = span
         return found
+
+    def least_scale(self, unknowns: Array) -> Array:
+        """Return sizes of the impacts' unknowns that are at most those of `scale`, for one degree
+        of freedom; they take no look along the flights."""
+        sizes = np.empty(self.n)
+        sizes[::2] = self.period(unknowns) / self._mean_order(unknowns)
+        sizes[1::2] = np.max(np.abs(unknowns[1 : self.n : 2]))
+        return sizes * math.sqrt(len(self.word))
 
     def _mean_order(self, unknowns: Array) -> float:
         """The root of the mean square of the harmonics' orders; 1 where they are not known."""

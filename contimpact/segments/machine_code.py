@@ -6,7 +6,7 @@ import ast
 import inspect
 import textwrap
 import types
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -81,6 +81,14 @@ class Program:
         while free in taken:
             free, number = f"{name}_{number}", number + 1
         return free
+
+
+def choice(name: str, arguments: str, chosen: str, functions: Sequence[str], given: str) -> str:
+    """The text of a function that calls one of several by number."""
+    lines = [f"def {name}({arguments}):"]
+    for i, function in enumerate(functions[:-1]):
+        lines += [f"    if {chosen} == {i}:", f"        return {function}({given})"]
+    return "\n".join([*lines, f"    return {functions[-1]}({given})"])
 
 
 def _tree_of(function: Callable[..., Any]) -> ast.FunctionDef:

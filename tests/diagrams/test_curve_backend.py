@@ -12,10 +12,11 @@ import pytest
 from contimpact.arrays import LISTS
 from contimpact.bifurcations.extended_system import SingularCycle
 from contimpact.bifurcations.registry import kind_of
+from contimpact.bifurcations.scalar_systems import LONGEST, factor
 from contimpact.bifurcations.torus import SingularPair
 from contimpact.continuation.step import DenseBackend
 from contimpact.diagrams import curve_backend, curves
-from contimpact.diagrams.curve_backend import LONGEST, backend_of, factor
+from contimpact.diagrams.curve_backend import backend_of
 from contimpact.diagrams.curve_problem import CurveProblem, curve_problem
 from contimpact.diagrams.curves import follow_curve
 from contimpact.diagrams.orbit_branch import continue_orbit

@@ -1,0 +1,736 @@
+"""The equations of FB, PD and G in scalar code, which runs plainly and compiled.
+
+They are those of `extended_system`, of orbits with one degree of freedom, in two free parameters: a
+curve. Where one is free, an event is where a second one, on which nothing depends, is zero. The
+unknowns are t_1, v_1, ..., t_N, v_N, lambda, those that the equations add, and mu.
+
+Functions of vectors are in the plain subset of Python that `segments.compiling` compiles.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ..arrays import ARRAYS, LISTS, Array, Containers, Table, Vector
+from ..orbits.problem import CyclicBlocks, Linearisation, OrbitProblem
+from ..segments.bounded_code import add_pairs, multiply_pairs
+from ..segments.compiling import CompiledProgram, load, mode, timed_plainly
+from ..segments.kernels import Kernels
+from ..segments.layout import Blocks, Setup
+from .extended_system import (
+    CONVERGED,
+    EPSILON,
+    FAR,
+    FIRST_ORDER,
+    NEWTON_ITERATIONS,
+    ExtendedSystem,
+    ScalarForm,
+    Solution,
+    SystemEvaluation,
+)
+
+if TYPE_CHECKING:
+    from ..segments.machine_code import Program
+
+LONGEST = 8
+"""Impacts of a word up to which elimination without regard to the matrix's structure pays."""
+
+PERIODS, FIRST, SECOND, FLIGHT, TOUCH = range(5)
+"""Places in `counts`: how many periods, the places of both free parameters among the values, and of
+a touch the flight and its kind."""
+
+MU, SPAN = range(2)
+"""Places in `numbers`: the multiplier of a singular cycle, and the orbit's period where the system
+was evaluated."""
+
+BLOCK = 14
+"""Numbers of a flight: 2 residuals, the blocks A and B row by row, and the derivatives of both
+residuals by lambda and mu in turn."""
+
+
+class SystemVectors(NamedTuple):
+    """The problem as vectors and tables."""
+
+    kinds: Vector
+    """Kinds of the flights."""
+    counts: Vector
+    """See `PERIODS`."""
+    numbers: Vector
+    """See `MU`."""
+    values: Vector
+    """Parameter values."""
+    residual: Vector
+    right: Vector
+    """`residual`, `right`: the residuals at the point last evaluated, and scratch space."""
+    blocks: Table
+    """Its flights, a row of `BLOCK` numbers each."""
+    jacobian: Table
+    factors: Table
+    """`jacobian`, `factors`: the Jacobian there, and scratch space for it and a border."""
+
+
+def evaluate_orbit(
+    flight: Callable[..., Blocks],
+    setup: Callable[[Vector], Setup],
+    system: SystemVectors,
+    z: Vector,
+) -> tuple[float, float, float]:
+    """Evaluate the flights into the first rows of the Jacobian, all else of which becomes zero.
+
+    Returns the orbit's period and its derivatives by both parameters.
+    """
+    count, last = len(system.kinds), len(z) - 1
+    n, values = 2 * count, system.values
+    values[system.counts[FIRST]], values[system.counts[SECOND]] = z[n], z[last]
+    period, slopes, _, _, _, _ = setup(values)
+    periods = system.counts[PERIODS]
+    span, drift, other = periods * period, periods * slopes[0], periods * slopes[1]
+    system.numbers[SPAN] = span
+    for i in range(last):
+        row = system.jacobian[i]
+        for j in range(last + 1):
+            row[j] = 0.0
+    for k in range(count):
+        i = 2 * k
+        j = i + 2 if k + 1 < count else 0
+        arrival = z[j] if k + 1 < count else z[0] + span
+        r, a, b, free = flight(system.kinds[k], z[i], z[i + 1], arrival, z[j + 1], values)
+        f0, f1, f2, f3 = free
+        if k + 1 == count:  # the arrival at t_1 + pT moves with T
+            f0, f1 = f0 + drift * b[0], f1 + other * b[0]
+            f2, f3 = f2 + drift * b[2], f3 + other * b[2]
+        keep_block(system.blocks[k], r, a, b, f0, f1, f2, f3)
+        system.residual[i], system.residual[i + 1] = r[0], r[1]
+        put_flight(system.jacobian, i, i, j, n, last, system.blocks[k])
+    return span, drift, other
+
+
+def keep_block(
+    row: Vector, r: Vector, a: Vector, b: Vector, f0: float, f1: float, f2: float, f3: float
+) -> None:
+    """Fill the row of a flight."""
+    row[0], row[1] = r[0], r[1]
+    row[2], row[3], row[4], row[5] = a[0], a[1], a[2], a[3]
+    row[6], row[7], row[8], row[9] = b[0], b[1], b[2], b[3]
+    row[10], row[11], row[12], row[13] = f0, f1, f2, f3
+
+
+def put_flight(
+    table: Table, i: int, start: int, end: int, first: int, second: int, block: Vector
+) -> None:
+    """Add a flight to two rows of the Jacobian, given the columns of its ends and parameters."""
+    for half in range(2):
+        row, at = table[i + half], 2 * half
+        row[start] += block[2 + at]
+        row[start + 1] += block[3 + at]
+        row[end] += block[6 + at]
+        row[end + 1] += block[7 + at]
+        row[first] += block[10 + at]
+        row[second] += block[11 + at]
+
+
+def evaluate_singular(
+    flight: Callable[..., Blocks],
+    second: Callable[..., Blocks],
+    setup: Callable[[Vector], Setup],
+    system: SystemVectors,
+    z: Vector,
+) -> float:
+    """Evaluate F = 0, C(mu) q = 0, (q.q - 1)/2 = 0; returns the largest residual."""
+    count, last, mu = len(system.kinds), len(z) - 1, system.numbers[MU]
+    n, own = 2 * count, 2 * count + 1
+    span, drift, other = evaluate_orbit(flight, setup, system, z)
+    norm = system.jacobian[last - 1]
+    square = 0.0
+    for k in range(count):
+        i = 2 * k
+        j = i + 2 if k + 1 < count else 0
+        factor = 1.0 if k + 1 < count else mu
+        arrival = z[j] if k + 1 < count else z[0] + span
+        q0, q1 = z[own + i], z[own + i + 1]
+        p0, p1 = factor * z[own + j], factor * z[own + j + 1]
+        _, a, b, free = second(
+            system.kinds[k], z[i], z[i + 1], arrival, z[j + 1], q0, q1, p0, p1, system.values
+        )
+        block = system.blocks[k]
+        for half in range(2):
+            row, at = system.jacobian[n + i + half], 2 * half
+            row[i] += a[at]
+            row[i + 1] += a[at + 1]
+            row[j] += b[at]
+            row[j + 1] += b[at + 1]
+            row[n] += free[at]
+            row[last] += free[at + 1]
+            if k + 1 == count:
+                row[n] += b[at] * drift
+                row[last] += b[at] * other
+            row[own + i] += block[2 + at]
+            row[own + i + 1] += block[3 + at]
+            row[own + j] += factor * block[6 + at]
+            row[own + j + 1] += factor * block[7 + at]
+            leaving = block[2 + at] * q0 + block[3 + at] * q1
+            system.residual[n + i + half] = leaving + block[6 + at] * p0 + block[7 + at] * p1
+        norm[own + i], norm[own + i + 1] = q0, q1
+        square += q0 * q0 + q1 * q1
+    system.residual[last - 1] = 0.5 * (square - 1.0)
+    return largest(system.residual)
+
+
+def evaluate_touching(
+    flight: Callable[..., Blocks],
+    setup: Callable[[Vector], Setup],
+    system: SystemVectors,
+    z: Vector,
+) -> float:
+    """Evaluate F = 0 and a flight that reaches its touch with no velocity; the touch's time is the
+    unknown between both parameters."""
+    n, last = 2 * len(system.kinds), len(z) - 1
+    evaluate_orbit(flight, setup, system, z)
+    i = 2 * system.counts[FLIGHT]
+    kind = system.counts[TOUCH]
+    r, a, b, free = flight(kind, z[i], z[i + 1], z[n + 1], 0.0, system.values)
+    for half in range(2):
+        row, at = system.jacobian[n + half], 2 * half
+        row[i], row[i + 1] = a[at], a[at + 1]
+        row[n], row[last] = free[at], free[at + 1]
+        row[n + 1] = b[at]
+        system.residual[n + half] = r[half]
+    return largest(system.residual)
+
+
+def largest(residual: Vector) -> float:
+    """Return the largest absolute value; NaN where one is not a number."""
+    size, total = 0.0, 0.0
+    for i in range(len(residual)):
+        size = max(size, abs(residual[i]))
+        total += abs(residual[i])
+    return size if total - total == 0.0 else math.nan
+
+
+def factor(matrix: Table, right: Vector) -> tuple[float, float]:
+    """Eliminate with partial pivoting, the right side as well.
+
+    Returns sign and logarithm of the determinant; the sign is 0 where it vanishes.
+    """
+    n = len(right)
+    sign, logarithm = 1.0, 0.0
+    for c in range(n):
+        pivot, size = c, abs(matrix[c][c])
+        for r in range(c + 1, n):
+            if abs(matrix[r][c]) > size:
+                pivot, size = r, abs(matrix[r][c])
+        if not size > 0.0:
+            return 0.0, 0.0
+        head, other = matrix[c], matrix[pivot]
+        if pivot != c:
+            for j in range(c, n):
+                head[j], other[j] = other[j], head[j]
+            right[c], right[pivot] = right[pivot], right[c]
+            sign = -sign
+        if head[c] < 0.0:
+            sign = -sign
+        logarithm += math.log(size)
+        for r in range(c + 1, n):
+            row = matrix[r]
+            s = row[c] / head[c]
+            if s != 0.0:
+                for j in range(c + 1, n):
+                    row[j] -= s * head[j]
+                right[r] -= s * right[c]
+    return sign, logarithm
+
+
+def solve_bordered(
+    system: SystemVectors, row: Vector, factor_of_residual: float, g: float, out: Vector
+) -> tuple[float, float]:
+    """Fill `out` with the solution of the Jacobian bordered by a row, its right side a multiple of
+    the residual, and g; returns sign and logarithm of the determinant."""
+    n = len(out)
+    last, right = n - 1, system.right
+    for i in range(last):
+        given, copied = system.jacobian[i], system.factors[i]
+        for j in range(n):
+            copied[j] = given[j]
+        right[i] = factor_of_residual * system.residual[i]
+    border = system.factors[last]
+    for j in range(n):
+        border[j] = row[j]
+    right[last] = g
+    return eliminate_all(system, out)
+
+
+def solve_transposed(system: SystemVectors, row: Vector, place: int, out: Vector) -> float:
+    """Fill `out` with a row of the inverse of the Jacobian bordered by `row`; returns the sign of
+    the determinant."""
+    n = len(out)
+    for i in range(n):
+        for j in range(n - 1):
+            system.factors[i][j] = system.jacobian[j][i]
+        system.factors[i][n - 1] = row[i]
+        system.right[i] = 1.0 if i == place else 0.0
+    return eliminate_all(system, out)[0]
+
+
+def eliminate_all(system: SystemVectors, out: Vector) -> tuple[float, float]:
+    """Solve with what is in the scratch space; returns sign and logarithm of the determinant."""
+    right = system.right
+    sign, logarithm = factor(system.factors, right)
+    if sign != 0.0:
+        for i in range(len(out) - 1, -1, -1):
+            line, value = system.factors[i], right[i]
+            for j in range(i + 1, len(out)):
+                value -= line[j] * out[j]
+            out[i] = value / line[i]
+    return sign, logarithm
+
+
+def newton_step(system: SystemVectors, row: Vector, g: float, out: Vector) -> bool:
+    """Fill `out` with Newton's step at the point last evaluated; whether there is one."""
+    return solve_bordered(system, row, -1.0, g, out)[0] != 0.0
+
+
+# Bounds of the residuals' rounding errors.
+
+
+def bound_orbit(
+    bounded_flight: Callable[..., Blocks],
+    bounded_period: Callable[[Vector], tuple[float, float]],
+    system: SystemVectors,
+    z: Vector,
+    off: Vector,
+    singular: bool,
+) -> None:
+    """Fill in the bounds of the flights' residuals, and those of C(mu) q if that is asked for."""
+    count = len(system.kinds)
+    n, own = 2 * count, 2 * count + 1
+    periods = (float(system.counts[PERIODS]), 0.0)
+    closing = add_pairs((z[0], 0.0), multiply_pairs(bounded_period(system.values), periods))
+    for k in range(count):
+        i = 2 * k
+        j = i + 2 if k + 1 < count else 0
+        arrival = (z[j], 0.0) if k + 1 < count else closing
+        start, speed, arriving = (z[i], 0.0), (z[i + 1], 0.0), (z[j + 1], 0.0)
+        r, a, b, _ = bounded_flight(system.kinds[k], start, speed, arrival, arriving, system.values)
+        off[i], off[i + 1] = r[0][1], r[1][1]
+        if singular:
+            q0, q1 = abs(z[own + i]), abs(z[own + i + 1])
+            p0, p1 = abs(z[own + j]), abs(z[own + j + 1])
+            block = system.blocks[k]
+            for half in range(2):
+                at = 2 * half
+                size = abs(block[2 + at]) * q0 + abs(block[3 + at]) * q1
+                size += abs(block[6 + at]) * p0 + abs(block[7 + at]) * p1
+                terms = 0.0
+                for place in (2 + at, 3 + at, 6 + at, 7 + at):
+                    terms += 1.0 if block[place] != 0.0 else 0.0
+                spread = a[at][1] * q0 + a[at + 1][1] * q1 + b[at][1] * p0 + b[at + 1][1] * p1
+                off[n + i + half] = spread + EPSILON * terms * size
+
+
+def bound_singular(
+    bounded_flight: Callable[..., Blocks],
+    bounded_period: Callable[[Vector], tuple[float, float]],
+    system: SystemVectors,
+    z: Vector,
+    off: Vector,
+) -> None:
+    """Fill in the bounds of the residuals of `evaluate_singular`, at the point last evaluated."""
+    bound_orbit(bounded_flight, bounded_period, system, z, off, True)
+    n, square = 2 * len(system.kinds), 0.0
+    for i in range(n):
+        square += z[n + 1 + i] * z[n + 1 + i]
+    off[2 * n] = EPSILON * n * square
+
+
+def bound_touching(
+    bounded_flight: Callable[..., Blocks],
+    bounded_period: Callable[[Vector], tuple[float, float]],
+    system: SystemVectors,
+    z: Vector,
+    off: Vector,
+) -> None:
+    """The same of `evaluate_touching`."""
+    bound_orbit(bounded_flight, bounded_period, system, z, off, False)
+    n, i = 2 * len(system.kinds), 2 * system.counts[FLIGHT]
+    start, speed, touch = (z[i], 0.0), (z[i + 1], 0.0), (z[n + 1], 0.0)
+    kind = system.counts[TOUCH]
+    r, _, _, _ = bounded_flight(kind, start, speed, touch, (0.0, 0.0), system.values)
+    off[n], off[n + 1] = r[0][1], r[1][1]
+
+
+# The solution of a system with one free parameter.
+
+SIZE, ERROR, EVALUATED = range(3)
+"""Places in `told`: the largest residual, a bound of the parameter's error, and how often the
+system was evaluated."""
+
+SETTLED = 4.0
+"""Residuals of so many units in the last place of the largest unknown are rounding."""
+
+
+class Search(NamedTuple):
+    """Scratch space and results of `solve_system`."""
+
+    sizes: Vector
+    """Those of the orbit's unknowns at least; how far from the guess the solution may be is
+    measured in them."""
+    z: Vector
+    """The guess, then the last iterate."""
+    begin: Vector
+    best: Vector
+    """`begin`, `best`: the guess, and the solution."""
+    row: Vector
+    """The border: the parameter on which nothing depends."""
+    step: Vector
+    off: Vector
+    told: Vector
+    """`step`, `off`, `told`: Newton's step, bounds of the residuals' errors, and see `SIZE`."""
+
+
+SOLVED, FAILED, AWAY = range(3)
+"""What `solve_system` returns: a solution was found, there is none, or the iteration has left the
+surroundings of its guess as far as these sizes tell."""
+
+
+def solve_system(
+    evaluate: Callable[[SystemVectors, Vector], float],
+    bound: Callable[[SystemVectors, Vector, Vector], None],
+    system: SystemVectors,
+    search: Search,
+    far: float,
+) -> int:
+    """Solve a system to rounding by Newton's iteration, as `extended_system.solve` does."""
+    z, best, told, step = search.z, search.best, search.told, search.step
+    n, orbit = len(z), 2 * len(system.kinds)
+    least, span, found = math.inf, 0.0, False
+    told[ERROR], told[EVALUATED] = math.nan, 0.0
+    at_best = False
+    for _ in range(NEWTON_ITERATIONS):
+        size, longest = evaluate(system, z), abs(system.numbers[SPAN])
+        told[EVALUATED] += 1.0
+        at_best = False
+        if not size < math.inf or (found and size >= 0.5 * least and least < CONVERGED):
+            break
+        if not found:
+            span = longest
+        elif not longest < FAR * span:
+            return AWAY
+        least, found, at_best, largest_unknown = size, True, True, 0.0
+        for i in range(n):
+            best[i] = z[i]
+            largest_unknown = max(largest_unknown, abs(z[i]))
+        if size <= SETTLED * EPSILON * largest_unknown:
+            break
+        if not newton_step(system, search.row, 0.0, step):
+            return FAILED
+        away = 0.0
+        for i in range(n):
+            z[i] += step[i]
+            if i < orbit:
+                part = (z[i] - search.begin[i]) / search.sizes[i]
+                away += part * part
+        if not away < far * far:
+            return AWAY
+    told[SIZE] = least
+    if not (found and least < CONVERGED):
+        return FAILED
+    if not at_best:
+        evaluate(system, best)
+        told[EVALUATED] += 1.0
+    bound(system, best, search.off)
+    if solve_transposed(system, search.row, orbit, step) != 0.0:
+        error = 0.0
+        for i in range(n - 1):
+            off = FIRST_ORDER * abs(system.residual[i]) + search.off[i]
+            error += abs(step[i]) * off
+        told[ERROR] = error
+    return SOLVED
+
+
+# Programs: the kernels of a model by number, and the entry.
+
+SECOND_OF_ONE = """
+def any_second(kind, t0, v0, t1, v1, q0, q1, q2, q3, p):
+    r, a, b, free = one_second(kind, t0, v0, t1, v1, q0, q1, q2, q3, p)
+    return r, a, b, (free[0], 0.0, free[1], 0.0)
+"""
+
+ONE_FREE = """
+def any_flight(kind, t0, v0, t1, v1, p):
+    r, a, b, free = one_flight(kind, t0, v0, t1, v1, p)
+    return r, a, b, (free[0], 0.0, free[1], 0.0)
+
+def any_setup(p):
+    period, slopes, _, _, _, _ = kernel_setup({p})
+    return period, (slopes[0], 0.0), 0.0, 0.0, 0.0, 0.0
+
+def any_period(p):
+    return bounded_setup({pairs})
+
+def bound(system, z, off):
+    return bound_{variant}(any_bounded, any_period, system, z, off)
+
+def entry({fields}, {search}, options):
+    system = SystemVectors({fields})
+    return solve_system(evaluate, bound, system, Search({search}), options[0])
+"""
+
+EVALUATE = {
+    "singular": """
+def evaluate(system, z):
+    return evaluate_singular(any_flight, any_second, any_setup, system, z)
+""",
+    "touching": """
+def evaluate(system, z):
+    return evaluate_touching(any_flight, any_setup, system, z)
+""",
+}
+
+
+def add_kernels(program: Program, kernels: Kernels, variant: str, free: str) -> str:
+    """Add what evaluates a variant's systems; flights have names that begin with `free`.
+
+    Returns the text of the parameter values.
+    """
+    from ..segments.machine_code import choice
+
+    p = ", ".join(f"p[{i}]" for i in range(len(kernels.model.values)))
+    walls = kernels.model.letters
+    pairs = [(a, b) for a in walls for b in walls]
+    ends = "t0, v0, t1, v1"
+    flights = {f"flight_{a}_{b}": kernels.flight(a, b) for a, b in pairs}
+    given = f"{ends}, {p}"
+    program.glue(
+        choice(f"{free}_flight", f"kind, {ends}, p", "kind", list(flights), given), **flights
+    )
+    if variant == "singular":
+        seconds = {f"second_{a}_{b}": kernels.second(a, b) for a, b in pairs}
+        along, held = f"{ends}, q0, q1, q2, q3", ", 0.0" * len(kernels.parameters)
+        given = f"{along}{held}, {p}"
+        text = choice(f"{free}_second", f"kind, {along}, p", "kind", list(seconds), given)
+        program.glue(text, **seconds)
+    program.constant("SystemVectors", SystemVectors)
+    return p
+
+
+def program_of(kernels: Kernels, variant: str) -> Program:
+    """Return the program that solves a variant's systems, for any word of a model."""
+    from ..segments.machine_code import Program, choice
+
+    program = Program({})
+    p = add_kernels(program, kernels, variant, "one")
+    walls = kernels.model.letters
+    bounded = {f"bounded_{a}_{b}": kernels.bounded(a, b) for a in walls for b in walls}
+    pairs = ", ".join(f"(p[{i}], 0.0)" for i in range(len(kernels.model.values)))
+    ends = "t0, v0, t1, v1"
+    given = f"{ends}, {pairs}"
+    program.glue(choice("any_bounded", f"kind, {ends}, p", "kind", list(bounded), given), **bounded)
+    program.constant("Search", Search)
+    evaluate, bound = FUNCTIONS[variant]
+    called: list[Callable[..., Any]] = [evaluate, bound, solve_system]
+    named = {function.__name__: function for function in called}
+    second = SECOND_OF_ONE if variant == "singular" else ""
+    text = (
+        second
+        + EVALUATE[variant]
+        + ONE_FREE.format(
+            p=p,
+            pairs=pairs,
+            variant=variant,
+            fields=", ".join(SystemVectors._fields),
+            search=", ".join(Search._fields),
+        )
+    )
+    program.glue(text, kernel_setup=kernels.setup, bounded_setup=kernels.bounded_period, **named)
+    return program
+
+
+FUNCTIONS: dict[str, tuple[Callable[..., float], Callable[..., None]]] = {
+    "singular": (evaluate_singular, bound_singular),
+    "touching": (evaluate_touching, bound_touching),
+}
+
+ARGUMENTS = "ii" + "ffff" + "FFF" + "ffffffff" + "f"
+"""Kinds of the entry's arguments: those of `SystemVectors`, then those of `Search`, and how far the
+solution may be from its guess."""
+
+
+def vectors_of(
+    problem: OrbitProblem, form: ScalarForm, size: int, second: int, made_by: Containers
+) -> SystemVectors:
+    """Return a system of so many unknowns as vectors and tables; `second` is the place of mu among
+    the parameter values."""
+    vector, table = made_by
+    walls, names = problem.model.letters, list(problem.model.values)
+    places = [walls.index(a) for a in problem.word.walls]
+    kinds = [len(walls) * a + b for a, b in zip(places, [*places[1:], places[0]], strict=True)]
+    first = names.index(problem.parameter)
+    values = list(problem.model.values.values())
+    return SystemVectors(
+        kinds=vector(kinds),
+        counts=vector([problem.word.period, first, second, form.flight, form.touch]),
+        numbers=vector([form.mu, 0.0]),
+        values=vector(values if second < len(values) else [*values, 0.0]),
+        residual=vector([0.0] * (size - 1)),
+        right=vector([0.0] * size),
+        blocks=table(len(kinds), BLOCK),
+        jacobian=table(size - 1, size),
+        factors=table(size, size),
+    )
+
+
+class Solver:
+    """Solves the systems of a variant on the orbits of one problem.
+
+    Parameters
+    ----------
+    problem : OrbitProblem
+        With one free parameter.
+    variant : str
+        The equations; see `extended_system.ScalarForm`.
+    """
+
+    def __init__(self, problem: OrbitProblem, variant: str) -> None:
+        self.problem, self.variant = problem, variant
+        self.own = problem.n if variant == "singular" else 1
+
+    @functools.cached_property
+    def functions(self) -> tuple[Callable[..., float], Callable[..., None]]:
+        """``evaluate`` and ``bound``, plainly."""
+        kernels = self.problem.kernels
+        evaluate, bound = FUNCTIONS[self.variant]
+
+        def flight(kind: int, t0: float, v0: float, t1: float, v1: float, p: Vector) -> Blocks:
+            r, a, b, free = kernels.flights(kind, t0, v0, t1, v1, p[:-1])
+            return r, a, b, (free[0], 0.0, free[1], 0.0)
+
+        def second(kind: int, *given: Any) -> Blocks:
+            r, a, b, free = kernels.seconds(kind, *given[:-1], given[-1][:-1])
+            return r, a, b, (free[0], 0.0, free[1], 0.0)
+
+        def setup(p: Vector) -> Any:
+            period, slopes, *others = kernels.setup(*p[:-1])
+            return period, (slopes[0], 0.0), *others
+
+        def bounded(kind: int, t0: Any, v0: Any, t1: Any, v1: Any, p: Vector) -> Any:
+            walls = kernels.model.letters
+            a, b = divmod(kind, len(walls))
+            return kernels.bounded(walls[a], walls[b])(t0, v0, t1, v1, *[(x, 0.0) for x in p[:-1]])
+
+        def period(p: Vector) -> Any:
+            return kernels.bounded_period(*[(x, 0.0) for x in p[:-1]])
+
+        flights = (flight, second) if self.variant == "singular" else (flight,)
+
+        def evaluated(system: SystemVectors, z: Vector) -> float:
+            try:
+                return evaluate(*flights, setup, system, z)
+            except (ArithmeticError, ValueError):
+                return math.nan
+
+        def bounds(system: SystemVectors, z: Vector, off: Vector) -> None:
+            try:
+                bound(bounded, period, system, z, off)
+            except (ArithmeticError, ValueError):
+                off[:] = [math.nan] * len(off)
+
+        return evaluated, bounds
+
+    @functools.cached_property
+    def lists(self) -> tuple[SystemVectors, Search]:
+        """What a plain run works on."""
+        return self.vectors(LISTS)
+
+    @functools.cached_property
+    def arrays(self) -> tuple[SystemVectors, Search]:
+        """What compiled code works on."""
+        return self.vectors(ARRAYS)
+
+    def vectors(self, made_by: Containers) -> tuple[SystemVectors, Search]:
+        """A system and what its solution takes; of the solution all but the guess is filled in."""
+        problem, size = self.problem, self.problem.n + 2 + self.own
+        form = ScalarForm(self.variant)
+        second = len(problem.model.values)
+        zeros = [made_by.vector([0.0] * size) for _ in range(7)]
+        search = Search(made_by.vector([0.0] * problem.n), *zeros)
+        search.row[size - 1] = 1.0
+        return vectors_of(problem, form, size, second, made_by), search
+
+    @property
+    def program(self) -> tuple[str, ...]:
+        """What tells its program from others."""
+        return self.problem.kernels.identity, self.variant, "events"
+
+    def solve(self, system: ExtendedSystem, here: Linearisation, far: float) -> Solution | int:
+        """Return the solution next to an orbit; `FAILED` or `AWAY` where there is none."""
+        problem, form = self.problem, system.form
+        assert form is not None
+        fast = self.compiled()
+        vectors, search = self.arrays if fast else self.lists
+        vectors.numbers[MU] = form.mu
+        vectors.counts[FLIGHT], vectors.counts[TOUCH] = form.flight, form.touch
+        guess = [*here.unknowns.tolist(), *system.start(here).tolist(), 0.0]
+        search.z[:], search.begin[:] = guess, guess
+        search.sizes[:] = problem.least_scale(here.unknowns).tolist()
+        if fast:
+            status = fast(*vectors, *search, np.array([far]))
+        else:
+            with timed_plainly(self.program):
+                status = solve_system(*self.functions, vectors, search, far)
+        problem.kernel_evaluations += int(search.told[EVALUATED]) * self.flights
+        return status if status != SOLVED else self.solution(system, vectors, search)
+
+    @property
+    def flights(self) -> int:
+        """Flights evaluated at a point, those of second derivatives among them."""
+        count = len(self.problem.word)
+        return 2 * count if self.variant == "singular" else count + 1
+
+    def solution(self, system: ExtendedSystem, vectors: SystemVectors, search: Search) -> Solution:
+        """The solution in the vectors."""
+        problem, n = self.problem, self.problem.n
+        best = np.array(search.best)
+        blocks = flights_of(np.array(vectors.blocks))
+        here = Linearisation(problem, best[: n + 1], blocks)
+        at = SystemEvaluation(np.array(vectors.residual), np.array(vectors.jacobian)[:, :-1])
+        error = float(search.told[ERROR])
+        return Solution(system, here, best[n + 1 : -1], at, error if math.isfinite(error) else None)
+
+    def compiled(self) -> CompiledProgram | None:
+        """Compiled code, where there is any and it pays."""
+        if mode() == "never":
+            return None
+        return load(self.program, ARGUMENTS, lambda: program_of(self.problem.kernels, self.variant))
+
+
+def flights_of(rows: Array, free: int = 1) -> CyclicBlocks:
+    """Return the blocks of an orbit from rows of `BLOCK` numbers, with so many free parameters."""
+    start, end = (rows[:, i : i + 4].reshape(-1, 2, 2) for i in (2, 6))
+    by_parameter = rows[:, 10:].reshape(-1, 2)[:, :free]
+    return CyclicBlocks(rows[:, :2].ravel(), start, end, by_parameter)
+
+
+def is_scalar(problem: OrbitProblem) -> bool:
+    """Whether systems on the orbits of a problem are scalar code: not for more than one degree of
+    freedom, free periods, long words, and flights that are no straight-line code."""
+    kernels = problem.kernels
+    if problem.m != 2 or problem.autonomous or not 1 <= len(problem.word) <= LONGEST:
+        return False
+    return not kernels.loops
+
+
+def solver_of(system: ExtendedSystem) -> Solver | None:
+    """Return what solves a system in one free parameter; None where that is no scalar code."""
+    problem, form = system.problem, system.form
+    if form is None or problem.free != 1 or not is_scalar(problem):
+        return None
+    if form.variant not in problem.solvers:
+        flown = any(problem.kernels.flown(*kind) for kind in problem.kinds)
+        problem.solvers[form.variant] = None if flown else Solver(problem, form.variant)
+    solver: Solver | None = problem.solvers[form.variant]
+    return solver
