@@ -126,7 +126,7 @@ class Grazing(OrbitTest):
     @staticmethod
     def touch(evaluation: Linearisation, index: int) -> Touch | None:
         walls = len(evaluation.problem.model.WALLS)
-        return evaluation.gaps[index // walls].touches[index % walls]
+        return evaluation.gaps_of(index // walls).touches[index % walls]
 
     def locate(
         self, problem: Problem[Linearisation], guess: OrbitPoint, index: int

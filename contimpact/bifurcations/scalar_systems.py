@@ -19,7 +19,7 @@ import numpy as np
 from ..arrays import ARRAYS, LISTS, Array, Containers, Table, Vector
 from ..orbits.problem import CyclicBlocks, Linearisation, OrbitProblem
 from ..segments.bounded_code import add_pairs, multiply_pairs
-from ..segments.compiling import CompiledProgram, load, mode, timed_plainly
+from ..segments.compiling import CompiledProgram, addresses, load, mode, timed_plainly
 from ..segments.kernels import Kernels
 from ..segments.layout import Blocks, Setup
 from .extended_system import (
@@ -651,6 +651,11 @@ class Solver:
         """What compiled code works on."""
         return self.vectors(ARRAYS)
 
+    @functools.cached_property
+    def addresses(self) -> list[int]:
+        """Those of the arrays."""
+        return addresses([*self.arrays[0], *self.arrays[1]])
+
     def vectors(self, made_by: Containers) -> tuple[SystemVectors, Search]:
         """A system and what its solution takes; of the solution all but the guess is filled in."""
         problem, size = self.problem, self.problem.n + 2 + self.own
@@ -678,7 +683,7 @@ class Solver:
         search.z[:], search.begin[:] = guess, guess
         search.sizes[:] = problem.least_scale(here.unknowns).tolist()
         if fast:
-            status = fast(*vectors, *search, np.array([far]))
+            status = fast(np.array([far]), known=self.addresses)
         else:
             with timed_plainly(self.program):
                 status = solve_system(*self.functions, vectors, search, far)

@@ -212,6 +212,7 @@ class Points(Sequence[Point]):
         self.pieces: list[Point | Block] = []
         self._ends: list[int] = []
         self._open: Block | None = None  # the block the last piece is from, if it may go on
+        self._last: tuple[Block, Point] | None = None  # the last point, and the block it is from
         for piece in pieces.pieces if isinstance(pieces, Points) else pieces:
             self._put(piece)
 
@@ -240,7 +241,13 @@ class Points(Sequence[Point]):
             return self._cut(*at.indices(len(self)))
         i, row = self._place(at)
         piece = self.pieces[i]
-        return piece if isinstance(piece, Point) else piece.point(row)
+        if isinstance(piece, Point):
+            return piece
+        if at != -1:
+            return piece.point(row)
+        if self._last is None or self._last[0] is not piece:
+            self._last = piece, piece.point(row)
+        return self._last[1]
 
     def _cut(self, first: int, last: int, step: int) -> Points:
         if step not in (1, -1):

@@ -104,10 +104,15 @@ def shorten_step(step: float, min_step: float) -> float:
     SAME,
     SECANT,
     MEETINGS,
-) = range(12)
+    TASK,
+) = range(13)
 """Places in `options`: of the settings, the largest defect, the range, the parameter at the start
-of the walk, what counts as the same solution, and whether to predict along chords and to look out
-for branches that meet."""
+of the walk, what counts as the same solution, whether to predict along chords and to look out for
+branches that meet, and what to do."""
+
+STEPS, FIRST_POINT, LAST_POINT = range(3)
+"""What to do: take steps, or solve for one point at its own value of the parameter, the first of a
+walk or one on a limit of its range; see `take_point`."""
 
 (
     STEP,
@@ -202,6 +207,8 @@ def take_steps(
         the state, else refused.
     """
     options, state, scale, z, tangent, _, work, rows = vectors
+    if options[TASK] != STEPS:
+        return take_point(evaluate, solve, tangent_at, observe, data, vectors)
     n, made = len(z), 0
     new, along = work[1], work[2]
     while made < len(rows):
@@ -229,6 +236,65 @@ def take_steps(
         accept(vectors, orientation, arclength)
         made += 1
     return made
+
+
+SAME_TANGENT = 1e-9
+"""A first tangent that moves by more where it is solved for along itself is not the only one."""
+
+SIDEWAYS = 1e-6
+"""A first tangent along which the parameter moves by less is left to other ways."""
+
+
+def take_point(
+    evaluate: Evaluate[D],
+    solve: Solve[D],
+    tangent_at: TangentAt[D],
+    observe: Observe[D],
+    data: D,
+    vectors: tuple[Vector, ...],
+) -> int:
+    """Solve for a point at the parameter value of a guess, which stands in the place of the chord.
+
+    Its tangent goes on along that of the point before. Returns how many points were made: one, or
+    none.
+    """
+    options, state, scale, z, tangent, guess, work, rows = vectors
+    n, row = len(z), rows[0]
+    new, along, border, again = work[0], work[1], work[2], work[3]
+    for i in range(n):
+        border[i] = 0.0
+    border[n - 1] = 1.0 / scale[n - 1]
+    tolerance, most = options[TOLERANCE], int(options[ITERATIONS_AT_MOST])
+    status, iterations, _ = newton(
+        evaluate, solve, data, new, guess, border, scale, along, tolerance, most
+    )
+    state[STATUS] = status
+    state[ITERATIONS] += iterations
+    state[EVALUATIONS] += iterations + 1
+    if status != CONVERGED:
+        return 0
+    for i in range(n):
+        border[i] = tangent[i] / scale[i] / scale[i]
+    orientation = tangent_at(data, new, border, scale, along)
+    travelled = distance(new, z, scale)
+    if options[TASK] == FIRST_POINT:
+        for i in range(n):
+            border[i] = along[i] / scale[i] / scale[i]
+        orientation = tangent_at(data, new, border, scale, again)
+        apart, travelled = distance(along, again, scale), 0.0
+        if not (apart < SAME_TANGENT and abs(again[n - 1]) > SIDEWAYS * scale[n - 1]):
+            orientation = math.nan
+        for i in range(n):
+            along[i] = again[i]
+    if orientation != orientation:
+        state[STATUS] = NO_TANGENT
+        return 0
+    for i in range(n):
+        row[i], row[n + i] = new[i], along[i]
+    row[2 * n], row[2 * n + 1] = orientation, state[ARCLENGTH] + travelled
+    row[2 * n + 2] = iterations
+    observe(data, new, along, orientation, row, 2 * n + HEAD)
+    return 1
 
 
 def attempt(
@@ -395,6 +461,9 @@ class Position:
     """Whether to look at the steps' defects."""
     meetings: bool
     """Whether to look out for branches that meet this one."""
+    task: int = STEPS
+    guess: Array | None = None
+    """`task`, `guess`: what to do from there, and where a point is to be solved for."""
 
     def options(self) -> list[float]:
         """Return the vector `options` of `take_steps`."""
@@ -403,7 +472,7 @@ class Position:
         steps = given.min_step, given.max_step, given.max_angle, largest
         asked = float(given.predictor == "secant"), float(self.meetings)
         newton = given.tolerance, given.max_iterations
-        return [*newton, *steps, *self.limits, self.first, self.same, *asked]
+        return [*newton, *steps, *self.limits, self.first, self.same, *asked, float(self.task)]
 
     def state(self) -> list[float]:
         """Return the vector `state` of `take_steps`."""
@@ -417,7 +486,9 @@ class Position:
         return state
 
     def chord(self) -> Array:
-        """Return the way from the point before."""
+        """Return the way from the point before; where a point is solved for, its guess."""
+        if self.guess is not None:
+            return self.guess
         if self.behind is None:
             return np.zeros(len(self.scale))
         return self.here.unknowns - self.behind.unknowns

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Required, TypedDict, TypeVar
+from typing import Required, TypedDict, TypeVar, cast
 
 import numpy as np
 
@@ -24,10 +24,20 @@ from .corrector import (
 from .crossing_branches import Find, Meeting, MeetingRecord
 from .ends import End, EndKind, Refusal, RefusalDetails
 from .events import find_events
-from .problem import EPSILON, Problem, angle, inner_product, length
+from .problem import EPSILON, Evaluation, Problem, angle, inner_product, length
 from .settings import Settings
 from .sign_changes import Samples, Stretch
-from .step import Backend, Batch, DenseBackend, Notice, Position, Proposal, shorten_step
+from .step import (
+    FIRST_POINT,
+    LAST_POINT,
+    Backend,
+    Batch,
+    DenseBackend,
+    Notice,
+    Position,
+    Proposal,
+    shorten_step,
+)
 
 # Interruptions from the keyboard: what was walked until then is kept.
 #
@@ -111,27 +121,28 @@ def check(start: Array, direction: int, limits: tuple[float, float]) -> None:
         raise InputError("limits", found, "start within the limits")
 
 
-def point_on_limit(step: Arc, limits: tuple[float, float]) -> tuple[Point | None, int]:
-    """Return the point of the branch on the limit that a step passed, and the iterations it took.
-
-    None where the corrector finds none on the way.
-    """
-    here, beyond, scale = step.left, step.right, step.scale
+def guess_on_limit(step: Arc, limits: tuple[float, float]) -> Array:
+    """Return where a step passed a limit, along its chord."""
+    here, beyond = step.left, step.right
     low, high = limits
     limit = low if beyond.parameter < low else high
     fraction = (limit - here.parameter) / (beyond.parameter - here.parameter)
     guess = here.unknowns + fraction * (beyond.unknowns - here.unknowns)
     guess[-1] = limit
-    fixed = np.zeros(len(guess))
-    fixed[-1] = 1.0
-    found = correct(step.problem, guess, fixed, scale, step.settings)
-    if found.evaluation is None:
-        return None, found.iterations
-    new = point_after(here, found.evaluation, found.iterations, scale)
-    if new is None or new.arclength > beyond.arclength:
-        return None, found.iterations
-    turned = angle(here.tangent, new.tangent, scale)
-    return (new if turned <= step.settings.max_angle else None), found.iterations
+    return np.asarray(guess)
+
+
+def lies_on_step(new: Point, step: Arc) -> bool:
+    """Whether a point on a limit lies on the step that passed it."""
+    turned = angle(step.left.tangent, new.tangent, step.scale)
+    return new.arclength <= step.right.arclength and turned <= step.settings.max_angle
+
+
+@dataclass(frozen=True)
+class Unsolved:
+    """A guess, in the place of an evaluation."""
+
+    unknowns: Array
 
 
 def separate_signs(zeros: Array, others: Array) -> Array:
@@ -406,6 +417,15 @@ class _Walker:
 
     def begin(self, start: Array, direction: int, tangent: Array | None) -> str:
         """Record the first point; returns why none can follow, or nothing."""
+        if tangent is None and not self.branching:
+            up = np.zeros(len(start))
+            up[-1] = direction * self.scale[-1]
+            guess = Point(cast(Evaluation, Unsolved(start)), up, np.nan, 0.0, 0)
+            piece = self.solved(guess, start, FIRST_POINT)
+            if piece is not None:
+                self.points.extend(piece, 0, 1)
+                self.seen = Samples.of(0.0, [test.on(piece)[0] for test in self.tests])
+                return ""
         first = first_point(
             self.problem, start, direction, tangent, self.branching, self.scale, self.settings
         )
@@ -419,6 +439,16 @@ class _Walker:
                 0.0, test_values_at_start(values, self.branching, tangent is not None)
             )
         return first.reason
+
+    def solved(self, here: Point, guess: Array, task: int) -> Point | Block | None:
+        """The point at the parameter value of a guess, where the backend finds it."""
+        place = here, None, here.parameter, len(self.points), self.settings.step, self.scale
+        position = Position(
+            *place, self.limits, SAME_SOLUTION, self.settings, False, False, task, guess
+        )
+        batch = self.backend.advance(position, 1)
+        self.iterations += batch.iterations
+        return batch.piece
 
     @property
     def watched(self) -> bool:
@@ -492,7 +522,8 @@ class _Walker:
             end = self.record(batch.piece)
             if end is not None:
                 return batch.step, end
-        if batch.routine or (batch.piece is not None and self.grow()):
+        last = batch.proposal is not None and Notice.BEYOND in batch.proposal.notices
+        if batch.routine or (batch.piece is not None and not last and self.grow()):
             return batch.step, None
         if batch.proposal is None:
             return self.look_about(batch.step, batch.refused)
@@ -504,11 +535,11 @@ class _Walker:
         arc = self.arc(here, proposal.point)
         refused = self.passes.refuse(arc, proposal.notices)
         if refused is None and Notice.BEYOND in proposal.notices:
-            last, iterations = point_on_limit(arc, self.limits)
-            self.iterations += iterations
-            if last is not None and last.arclength > here.arclength:
-                return step, self.record(last, EndKind.RANGE)
-            if last is not None:
+            piece = self.solved(here, guess_on_limit(arc, self.limits), LAST_POINT)
+            last = None if piece is None else Points([piece])[0]
+            if piece is not None and last is not None and lies_on_step(last, arc):
+                if last.arclength > here.arclength:
+                    return step, self.record(piece, EndKind.RANGE)
                 return step, self.end(EndKind.RANGE)
             refused = RefusalDetails(Refusal.NO_LIMIT)
         if refused is None:

@@ -25,7 +25,14 @@ from ..continuation.step import (
 )
 from ..orbits.block_cyclic import BLOCK, KEPT, POSITIONS
 from ..orbits.problem import OrbitProblem
-from ..segments.compiling import CompiledProgram, load, mode, note_uncompiled, timed_plainly
+from ..segments.compiling import (
+    CompiledProgram,
+    addresses,
+    load,
+    mode,
+    note_uncompiled,
+    timed_plainly,
+)
 from ..segments.flight import excursion_of, time_zeros
 from ..segments.layout import Setup
 from ..segments.oscillation import MOST, ROW
@@ -95,6 +102,11 @@ class OrbitBackend(ABC, Generic[V]):
         """The branch as arrays, for compiled code."""
 
     @functools.cached_property
+    def addresses(self) -> list[int]:
+        """Those of the arrays."""
+        return addresses(self.arrays)
+
+    @functools.cached_property
     @abstractmethod
     def variant(self) -> str | None:
         """How compiled code follows flights; None where it cannot."""
@@ -162,7 +174,7 @@ class OrbitBackend(ABC, Generic[V]):
         """Take them by compiled code, or plainly."""
         vectors = position.vectors(self.recorded, most, ARRAYS if fast else LISTS)
         if fast:
-            made = fast(*self.arrays, *vectors)
+            made = fast(*vectors, known=self.addresses)
         else:
             with timed_plainly(self.program):
                 made = take_steps(*self.functions, self.lists, tuple(vectors))

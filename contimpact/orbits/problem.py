@@ -39,12 +39,12 @@ from ..models.model import Model
 from ..models.word import Word
 from ..segments.arithmetic import ARRAYS, evaluate_in
 from ..segments.bounded import UNIT, BoundedNumber, bounds_of, bounds_of_kernel
-from ..segments.flight import FlightGaps
+from ..segments.flight import FlightGaps, flight_gaps
 from ..segments.integration import integrated_track
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION, CombinedBlocks, Setup
 from ..segments.segment import ELSEWHERE, MEETING
-from ..segments.touches import interior_touches
+from ..segments.touches import flights_are_apart, interior_touches
 from ..segments.track import track_of
 from .block_cyclic import BRIEF
 from .multipliers import Stability, count_unstable, determinant, stability_of, stability_of_orbit
@@ -386,10 +386,20 @@ class Linearisation:
         Where an impact is at rest, its acceleration tells on which side of its guard the flight
         begins; the sign of a velocity that is rounding does not.
         """
+        return self.problem.gaps(self._resting_unknowns())
+
+    def gaps_of(self, flight: int) -> FlightGaps:
+        """Return the interior touches of one flight; the others are not looked for."""
+        if "gaps" in self.__dict__:
+            return self.gaps[flight]
+        return self.problem.gaps_of(self._resting_unknowns(), flight)
+
+    def _resting_unknowns(self) -> Array:
+        """The unknowns, where the velocities of impacts at rest are zero."""
         unknowns = self.unknowns.copy()
         velocities = unknowns[1 : self.problem.n : self.problem.m]
         velocities[np.abs(velocities) < AT_REST * np.max(np.abs(velocities))] = 0.0
-        return self.problem.gaps(unknowns)
+        return unknowns
 
     @functools.cached_property
     def verdict(self) -> Verdict:
@@ -630,6 +640,14 @@ class OrbitProblem:
         """Return the interior touches of every flight."""
         values, impacts = self.values(unknowns), self.impacts(unknowns)
         return interior_touches(self.kernels, self.word.walls, values, impacts, self.span(unknowns))
+
+    def gaps_of(self, unknowns: Array, flight: int) -> FlightGaps:
+        """Return the interior touches of one flight."""
+        walls = self.word.walls
+        if not walls or not flights_are_apart(self.kernels, walls):
+            return self.gaps(unknowns)[flight]
+        values, impacts = self.values(unknowns), self.impacts(unknowns)
+        return flight_gaps(self.kernels, walls, values, impacts, self.span(unknowns), flight)[0]
 
     def evaluate(self, unknowns: Array) -> Linearisation:
         """Evaluate residual and blocks at a point.

@@ -19,7 +19,7 @@ import platform
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -67,12 +67,21 @@ class CompiledProgram:
     def __init__(self, function: Any, keep: Any) -> None:
         self.function, self.keep = function, keep
 
-    def __call__(self, *arrays: Any) -> int:
-        """Run on arrays: int64 or float64, contiguous, one for each argument."""
-        numbers: list[int] = []
-        for array in arrays:
-            numbers += [array.ctypes.data, *array.shape]
-        return int(self.function(*numbers))
+    def __call__(self, *arrays: Any, known: Sequence[int] = ()) -> int:
+        """Run on arrays: int64 or float64, contiguous, one for each argument.
+
+        `known` are the `addresses` of arguments before these, which took longer to look up than
+        to be used.
+        """
+        return int(self.function(*known, *addresses(arrays)))
+
+
+def addresses(arrays: Iterable[Any]) -> list[int]:
+    """Return where arrays begin, and their sizes, as compiled code takes them."""
+    numbers: list[int] = []
+    for array in arrays:
+        numbers += [array.ctypes.data, *array.shape]
+    return numbers
 
 
 def load(

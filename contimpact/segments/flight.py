@@ -312,7 +312,12 @@ class FlightGaps:
 
 
 def flight_gaps(
-    kernels: Kernels, walls: str, values: Sequence[float], impacts: Array, span: float
+    kernels: Kernels,
+    walls: str,
+    values: Sequence[float],
+    impacts: Array,
+    span: float,
+    only: int | None = None,
 ) -> list[FlightGaps]:
     """Return the nearest interior touch of each wall on each flight of an orbit.
 
@@ -329,6 +334,8 @@ def flight_gaps(
         Times and section coordinates.
     span : float
         Period of the orbit.
+    only : int, optional
+        The one flight that is asked for.
     """
     setup = kernels.setup(*values)
     period, named = setup.period, kernels.model.WALLS
@@ -339,8 +346,8 @@ def flight_gaps(
     rows = impacts.tolist()
     rows.append([rows[0][0] + span, *rows[0][1:]])
     result = []
-    for k, wall in enumerate(walls):
-        leave, arrive = rows[k], rows[k + 1]
+    for k in range(len(walls)) if only is None else (only,):
+        wall, leave, arrive = walls[k], rows[k], rows[k + 1]
         i, j = places[wall], places[walls[(k + 1) % len(walls)]]
         length = arrive[0] - leave[0]
         if not length > 0.0:

@@ -152,10 +152,7 @@ def interior_touches(
         As of `flight.flight_gaps`, which does it for guards on one coordinate whose motion is known
         in closed form.
     """
-    one = len(coordinates(kernels.model)) == 1
-    by_matrices = any(kernels.linear(wall) for wall in dict.fromkeys(walls))
-    by_one = one and kernels.passages.anchored and (not by_matrices or kernels.oscillates)
-    if by_one and not kernels.may_leave_at_once(walls):
+    if flights_are_apart(kernels, walls):
         return flight_gaps(kernels, walls, values, impacts, span)
     rows = impacts.tolist()
     rows.append([rows[0][0] + span, *rows[0][1:]])
@@ -190,6 +187,14 @@ def interior_touches(
         own = found[touch.flight]
         found[touch.flight] = replace(own, beyond=(*own.beyond, touch))
     return found
+
+
+def flights_are_apart(kernels: Kernels, walls: str) -> bool:
+    """Whether the touches of a flight are found by `flight.flight_gaps`, without the others."""
+    one = len(coordinates(kernels.model)) == 1
+    by_matrices = any(kernels.linear(wall) for wall in dict.fromkeys(walls))
+    by_one = one and kernels.passages.anchored and (not by_matrices or kernels.oscillates)
+    return by_one and not kernels.may_leave_at_once(walls)
 
 
 def coordinates(model: Model) -> dict[Row, list[int]]:

@@ -10,7 +10,7 @@ that is neither is reported as not settled.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -22,7 +22,7 @@ from ..errors import InputError, explain_arguments
 from ..models.model import Model
 from ..models.word import Word
 from ..results.simulate_tables import SETTLING, Settling
-from ..segments.flight import flight_gaps
+from ..segments.flight import FlightGaps, flight_gaps
 from ..segments.touches import interior_touches
 from .attractor import (
     Attractor,
@@ -260,7 +260,7 @@ def _sticking_notation(simulator: Simulator, cycle: Cycle) -> str:
 
 def _smallest_gap(simulator: Simulator, word: str, cycle: Cycle) -> float:
     impacts = np.column_stack([cycle.times, cycle.velocities])
-    touches = flight_gaps
+    touches: Callable[..., list[FlightGaps]] = flight_gaps
     if simulator.several:
         impacts, touches = np.column_stack([impacts, cycle.others]), interior_touches
     span = cycle.period * simulator.period
