@@ -1,6 +1,6 @@
 """Measures contimpact, AUTO-07p and natural continuation side by side.
 
-    python benchmarks/run.py [--runs 7] [--only NAME ...] [-o FOLDER]
+    python benchmarks/run.py [--runs 7] [--only NAME ...] [-o FOLDER] [--history]
 
 All contestants are measured in turn, round after round, on one thread each. Seconds depend on the
 machine; ratios are formed within a round. See README.md next to this file.
@@ -9,8 +9,12 @@ machine; ratios are formed within a round. See README.md next to this file.
 from __future__ import annotations
 
 import argparse
+import csv
+import datetime
 import json
 import os
+import statistics
+import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -34,6 +38,9 @@ SUBJECTS = {
     "figure6": figure6,
 }
 
+HISTORY = Path(__file__).resolve().parent / "history.csv"
+"""Ratios so far: day, commit, rounds, table, row, what it is a multiple of, and the median."""
+
 
 def main() -> int:
     options = parsed()
@@ -42,6 +49,8 @@ def main() -> int:
     print(results.as_text())
     if options.output:
         write(results, options.output)
+    if options.history:
+        remember(results)
     return 0 if all(check.holds for check in results.checks) else 1
 
 
@@ -58,6 +67,7 @@ def parsed() -> argparse.Namespace:
         help=f"measure these only, of {', '.join(SUBJECTS)}",
     )
     parser.add_argument("-o", "--output", type=Path, help="folder for results.json and results.md")
+    parser.add_argument("--history", action="store_true", help=f"add the ratios to {HISTORY.name}")
     options = parser.parse_args()
     if options.runs < 1:
         parser.error("--runs: give at least 1")
@@ -88,6 +98,20 @@ def measure(workspace: Workspace, subjects: list[str], runs: int) -> Results:
 def load() -> tuple[float, ...]:
     """Return how many processes the machine ran in the last minute, where it can tell."""
     return os.getloadavg()[:1] if hasattr(os, "getloadavg") else ()
+
+
+def remember(results: Results) -> None:
+    """Add the medians of the ratios to AUTO to the history, a line each."""
+    head = ["git", "-C", str(HISTORY.parent), "describe", "--always", "--dirty"]
+    commit = subprocess.run(head, check=True, capture_output=True, text=True).stdout.strip()
+    day = datetime.date.today().isoformat()
+    with HISTORY.open("a", encoding="utf-8", newline="") as file:
+        lines = csv.writer(file, lineterminator="\n")
+        for table, rows in results.as_data()["ratios"].items():
+            for row, references in rows.items():
+                for reference, found in references.items():
+                    ratio = f"{statistics.median(found):.3g}"
+                    lines.writerow([day, commit, len(found), table, row, reference, ratio])
 
 
 def write(results: Results, folder: Path) -> None:

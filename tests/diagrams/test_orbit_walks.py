@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 
 from contimpact.bifurcations.registry import test_functions as functions_of
+from contimpact.continuation import corrector
 from contimpact.continuation.branch import UserFunction
 from contimpact.continuation.settings import Settings
 from contimpact.continuation.step import Position
 from contimpact.continuation.walk import walk
 from contimpact.diagrams.orbit_walks import backend_of, walk_orbits
+from contimpact.models.word import Word
+from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
 
 EVENTS = ("FB", "BP", "PD", "NS", "G", "V", "T")
@@ -147,3 +150,22 @@ def test_steps_cost_as_many_flights_as_they_say(pair):
     assert found.corrector_iterations <= 1.01 * len(found.points)
     assert spent <= 2.05 * 2 * len(found.points)
     assert math.isfinite(found.points[-1].parameter)
+
+
+def test_the_first_tangent_of_a_long_word_takes_no_dense_matrix(pair, monkeypatch):
+    """It is the null vector of a matrix that is not made."""
+    (orbit, *_) = find_orbits(pair(s=0.7), "BT", parameter="s")
+    laps = 20
+    problem = OrbitProblem(orbit.problem.model, Word("BT" * laps, laps), orbit.problem.kernels)
+    t0, v0, t1, v1, s = orbit.unknowns
+    rows = [(t + 2.0 * k, v) for k in range(laps) for t, v in ((t0, v0), (t1, v1))]
+    start = np.append(np.ravel(rows), s)
+    scale = problem.scale(start, 0.1)
+    expected = corrector.first_tangent(problem.evaluate(start).jacobian, scale)
+    monkeypatch.setattr(corrector, "first_tangent", None)
+    settings = Settings(max_points=2)
+    for direction in (1, -1):
+        found = walk_orbits(problem, start, direction, limits=(0.65, 0.75), settings=settings)
+        tangent = found.points[0].tangent
+        assert np.sign(tangent[-1]) == direction
+        assert tangent == pytest.approx(np.sign(expected[-1]) * direction * expected, abs=1e-11)
