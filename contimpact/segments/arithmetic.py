@@ -48,6 +48,8 @@ class Kernel(Protocol):
 
     def __call__(self, *arguments: Number) -> Any: ...
 
+    def __hash__(self) -> int: ...
+
 
 def _same(number: Number) -> Number:
     return number

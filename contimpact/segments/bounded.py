@@ -22,8 +22,9 @@ import numpy as np
 from ..arrays import Array, Number, Vector
 from . import integration, linear_flow
 from .arithmetic import FLOATS, FUNCTIONS, PLAIN, Arithmetic, Kernel, evaluate_in
-from .layout import Setup
-from .segment import Numbers, Segment
+from .bounded_code import NEARBY, ROUGHER, UNIT, bounded_kernel
+from .layout import Family, Setup
+from .segment import ClosedForm, Numbers, Segment
 from .transients import HIGHEST, TABLES, TOGETHER, transients
 
 # Kernels in many digits: mpmath's functions, and constants to the digits asked for.
@@ -72,13 +73,6 @@ def _series(ctx: Any, k: int, q: Number) -> Number:
             total += term
             j += 1
     return +total
-
-
-UNIT = 0.5 * float(np.finfo(float).eps)
-"""The unit roundoff: largest relative error of one operation."""
-
-NEARBY = 1e-7
-"""Relative distance at which the slope of a function is read from a difference."""
 
 
 class BoundedNumber:
@@ -166,10 +160,6 @@ class BoundedNumber:
 
     def __ge__(self, other: Number) -> bool:
         return self.value >= float(other)
-
-
-ROUGHER = {"transients1": 3.0, "transients2": 5.0, "transients4": 80.0}
-"""Factor by which functions may be less exact than others; measured are 1.9, 3.4 and 51."""
 
 
 def _bounded_function(
@@ -271,6 +261,10 @@ def bounds_of(segment: Segment, start: Numbers, end: Numbers, values: Numbers) -
     start, end, values : sequence of float or Bounded
         As of `Segment.blocks`; floats are exact.
     """
+    if isinstance(segment, ClosedForm):
+        found = _by_pairs(segment.kernel, [*start, *end, *values])
+        if found is not None:
+            return found
     given = ([_exact_bounded(number) for number in part] for part in (start, end, values))
     return _split_errors(segment.over(BOUNDED)(*given))
 
@@ -283,7 +277,32 @@ def bounds_of_kernel(kernel: Kernel, arguments: Numbers) -> Any:
     arguments : sequence of float or Bounded
         Floats are exact.
     """
+    found = _by_pairs(kernel, arguments)
+    if found is not None:
+        return found
     return _split_errors(evaluate_in(kernel, BOUNDED)(*map(_exact_bounded, arguments)))
+
+
+def _by_pairs(kernel: Kernel, arguments: Numbers) -> Any:
+    """The same by scalar code, which is faster; None for kernels in loops, and at the end of a
+    function's domain, where its slope is taken from one side."""
+    if kernel.family is not Family.CLOSED:
+        return None
+    given = [
+        (x.value, x.error) if isinstance(x, BoundedNumber) else (float(x), 0.0) for x in arguments
+    ]
+    try:
+        return _split_pairs(bounded_kernel(kernel)(*given))
+    except (ArithmeticError, ValueError):
+        return None
+
+
+def _split_pairs(result: Any) -> tuple[Any, Any]:
+    """As `_split_errors`, of pairs."""
+    if result and isinstance(result[0], float):
+        return result
+    values, errors = zip(*map(_split_pairs, result), strict=True) if result else ((), ())
+    return (Setup(*values), Setup(*errors)) if isinstance(result, Setup) else (values, errors)
 
 
 def _exact_bounded(number: Number) -> BoundedNumber:

@@ -23,6 +23,7 @@ from ..models.sources import digests
 from ..storage.cache import cache_folder, load_file, logger, store_file
 from ..storage.files import reason
 from .arithmetic import Kernel, kernel_of
+from .bounded_code import bounded_kernel
 from .layout import SECTION, Family, Setup
 from .segment import ELSEWHERE, ClosedForm, Passages, passages_of
 
@@ -255,18 +256,11 @@ class Kernels:
 
     def bounded(self, a: str, b: str) -> Callable[..., Any]:
         """``bounded(t0, *y0, t1, *y1, *p)``: `flight` of pairs (value, bound of its error)."""
-        name = f"bounded_{a}_{b}"
-        if name not in self._derivatives:
-            from .bounded_code import bounded_kernel
-
-            self._derivatives[name] = bounded_kernel(self.flight(a, b))
-        return self._derivatives[name]
+        return bounded_kernel(self.flight(a, b))
 
     @functools.cached_property
     def bounded_period(self) -> Callable[..., Any]:
         """``bounded_period(*p)``: the forcing period of pairs."""
-        from .bounded_code import bounded_kernel
-
         return bounded_kernel(self.setup, Setup._fields.index("period"))
 
     @property

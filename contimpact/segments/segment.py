@@ -291,6 +291,11 @@ class ClosedForm:
         flight = evaluate_in(self._flight, arithmetic)
         return lambda start, end, values: flight(*start, *end, *values)
 
+    @property
+    def kernel(self) -> Kernel:
+        """The kernel of the flight."""
+        return self._flight
+
     def second(self, start: Numbers, end: Numbers, along: Numbers, values: Numbers) -> Blocks:
         """Return the derivatives of `blocks` along a direction."""
         return self._kernels.second(*self._walls)(*start, *end, *along, *values)
