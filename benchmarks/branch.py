@@ -23,7 +23,7 @@ def contestants(workspace: Workspace) -> list[Contestant]:
 
 
 def first_runs(workspace: Workspace) -> dict[str, float]:
-    """Return the wall times of the first process, which generates kernels and compiles."""
+    """Return the processor times of the first process, which generates kernels and compiles."""
     return {
         f"contimpact {mode}": workspace.timed("follow_once.py", "fixed", "b.first", mode=mode)
         for mode in MODES
