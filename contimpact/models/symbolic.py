@@ -84,15 +84,22 @@ def harmonic_means(
 
 
 def driven_oscillator(
-    a: Expr, omega: Expr, c: Expr, k: Expr, rest: Expr | float = 0, load: Expr | float = 0
+    waves: Sequence[tuple[Expr, Expr, Expr]],
+    c: Expr,
+    k: Expr,
+    rest: Expr | float = 0,
+    load: Expr | float = 0,
 ) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    r"""State the motion of :math:`\ddot x + c\dot x + k(x - x_r) = l + a\cos\omega t`.
+    r"""State the motion of an oscillator under harmonics.
+
+    .. math:: \ddot x + c\dot x + k(x - x_r) = l + \sum_i a_i\cos\omega_i t + b_i\sin\omega_i t.
 
     It is a steady response plus a transient, for any damping, but not at undamped resonance.
 
     Parameters
     ----------
-    a, omega, c, k, rest, load : sympy.Expr
+    waves : sequence of (omega, a, b)
+    c, k, rest, load : sympy.Expr
         The load l is a constant force; where the motion begins at x_r, nothing is lost to the
         difference of x and x_r however large k is.
 
@@ -101,14 +108,17 @@ def driven_oscillator(
     flight, acceleration : callable
         As of `contimpact.models.model.Formulas`.
     """
-    denominator = (k - omega**2) ** 2 + (c * omega) ** 2
-    in_phase, quadrature = a * (k - omega**2) / denominator, a * c * omega / denominator
+    response = []
+    for w, a, b in waves:
+        denominator = (k - w**2) ** 2 + (c * w) ** 2
+        in_phase = (a * (k - w**2) - b * c * w) / denominator
+        response.append((w, in_phase, (b * (k - w**2) + a * c * w) / denominator))
 
     def steady(t: Expr) -> Expr:
-        return in_phase * sympy.cos(omega * t) + quadrature * sympy.sin(omega * t)
+        return sum(p * sympy.cos(w * t) + q * sympy.sin(w * t) for w, p, q in response)
 
     def steady_rate(t: Expr) -> Expr:
-        return omega * (quadrature * sympy.cos(omega * t) - in_phase * sympy.sin(omega * t))
+        return sum(w * (q * sympy.cos(w * t) - p * sympy.sin(w * t)) for w, p, q in response)
 
     def flight(
         t0: Expr, x0: Sequence[Expr], v0: Sequence[Expr], dt: Expr
@@ -120,7 +130,11 @@ def driven_oscillator(
             return kind(Integer(n), Integer(1), c, k, dt)
 
         middle = t0 + dt / 2
-        steady_mean = Stumpff(Integer(1), (omega * dt / 2) ** 2) * steady_rate(middle)
+        steady_mean = sum(
+            Stumpff(Integer(1), (w * dt / 2) ** 2)
+            * (w * (q * sympy.cos(w * middle) - p * sympy.sin(w * middle)))
+            for w, p, q in response
+        )
         offset, rate = x0[0] - rest - load / k - steady(t0), v0[0] - steady_rate(t0)
         fall = k * dt * motion(MeanTransient, -1)  # (1 - A)/dt
         mean = steady_mean - offset * fall + rate * motion(MeanTransient, 0)
@@ -131,7 +145,8 @@ def driven_oscillator(
         return [mean], [speed]
 
     def acceleration(t: Expr, x: Sequence[Expr], v: Sequence[Expr]) -> list[Expr]:
-        return [load + a * sympy.cos(omega * t) - c * v[0] - k * (x[0] - rest)]
+        drive = sum(a * sympy.cos(w * t) + b * sympy.sin(w * t) for w, a, b in waves)
+        return [load + drive - c * v[0] - k * (x[0] - rest)]
 
     return flight, acceleration
 

@@ -58,7 +58,7 @@ class Oscillator(Model):
         from ..models.symbolic import driven_oscillator
 
         a, omega, c, k, sigma, r = (symbols[n] for n in ("a", "omega", "c", "k", "sigma", "r"))
-        flight, acceleration = driven_oscillator(a, omega, c, k)
+        flight, acceleration = driven_oscillator([(omega, a, 0)], c, k)
         return Formulas(
             period=2 * sympy.pi / omega,
             walls={"S": sigma},

@@ -72,8 +72,8 @@ class SoftStop(Model):
         names = ("a", "omega", "c", "k", "e", "k_b", "c_b")
         a, omega, c, k, e, k_b, c_b = (symbols[name] for name in names)
         motions = {
-            "free": driven_oscillator(a, omega, c, k),
-            "contact": driven_oscillator(a, omega, c + c_b, k + k_b, rest=e, load=-k * e),
+            "free": driven_oscillator([(omega, a, 0)], c, k),
+            "contact": driven_oscillator([(omega, a, 0)], c + c_b, k + k_b, rest=e, load=-k * e),
         }
         return Formulas(
             period=2 * sympy.pi / omega,
