@@ -9,6 +9,8 @@ from .expressions import CONSTANTS, FUNCTIONS, check_expression
 from .model import Model
 
 TIME = "t"
+CONTACT = ("duration", "deflection", "speed", "restitution")
+"""What is known of a contact: see `contimpact.orbits.contacts.Contact`."""
 
 
 @dataclass(frozen=True)
@@ -20,11 +22,15 @@ class Output:
     name, expression : str
     at_impacts : bool
         Whether its mean is that of its values before impacts, instead of that over time.
+    contacts : str
+        Letters of guards at which contacts begin: its mean is that over these contacts, and it is
+        an expression in `CONTACT` and the parameters.
     """
 
     name: str
     expression: str
     at_impacts: bool = False
+    contacts: str = ""
 
 
 def variables_of(model: Model) -> list[str]:
@@ -36,10 +42,14 @@ def variables_of(model: Model) -> list[str]:
 
 def check_output(output: Output, model: Model, where: str) -> None:
     """Raise InputError if an output is no expression in the names of the model."""
-    known = variables_of(model)
-    if not output.name.isidentifier() or output.name in {*known, *FUNCTIONS, *CONSTANTS}:
+    taken = variables_of(model)
+    known = [*CONTACT, *model.parameters] if output.contacts else taken
+    if not set(output.contacts) <= set(model.letters):
+        found = f"contacts with {short_repr(output.contacts)}"
+        raise InputError(where, found, f"give letters of guards: {', '.join(model.letters)}")
+    if not output.name.isidentifier() or output.name in {*taken, *FUNCTIONS, *CONSTANTS}:
         found = f"an output cannot be called {short_repr(output.name)}"
-        accepted = f"give a name of letters and digits other than {', '.join(known)}"
+        accepted = f"give a name of letters and digits other than {', '.join(taken)}"
         raise InputError(where, found, accepted)
     check_expression(output.expression, where, known)
 

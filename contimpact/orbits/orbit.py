@@ -14,6 +14,7 @@ from ..errors import InputError
 from ..models.model import Model
 from ..models.word import Word, name_orbit
 from ..segments.kernels import Kernels
+from .contacts import Contact, contacts_of
 from .noise import Fluctuations, fluctuations_of
 from .outputs import Mean, mean_output
 from .problem import Linearisation, OrbitProblem, Path, motion_of, path_of
@@ -180,7 +181,12 @@ class Orbit(ParameterItems, NotebookResult):
         """
         return motion_of(self.linearisation, points)
 
-    def mean(self, expression: str, at_impacts: bool = False) -> Mean:
+    @property
+    def contacts(self) -> list[Contact]:
+        """Contacts with what gives way, such as a soft stop: how long, how deep, how elastic."""
+        return contacts_of(self.linearisation, self.model)
+
+    def mean(self, expression: str, at_impacts: bool = False, contacts: str = "") -> Mean:
         """Return the mean of an expression over the period, and an estimate of its error.
 
         Parameters
@@ -189,13 +195,16 @@ class Orbit(ParameterItems, NotebookResult):
             In the names that ``[output]`` of a scene admits.
         at_impacts : bool
             Whether to take the mean of the values before impacts instead of that over time.
+        contacts : str
+            Letters at which contacts begin, to take the mean over these of an expression in their
+            ``duration``, ``deflection``, ``speed`` and ``restitution`` and the parameters.
 
         Raises
         ------
         InputError
             For anything else in the expression.
         """
-        return mean_output(self.linearisation, self.model, expression, at_impacts)
+        return mean_output(self.linearisation, self.model, expression, at_impacts, contacts)
 
     def sensitivity(self, parameter: str) -> Sensitivity:
         """Return the derivatives of impact times and velocities with respect to a parameter.

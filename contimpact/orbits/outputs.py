@@ -18,7 +18,8 @@ import numpy as np
 from ..arrays import Array
 from ..models.expressions import values_of
 from ..models.model import Model
-from ..models.outputs import TIME, Output, check_output, state_names
+from ..models.outputs import CONTACT, TIME, Output, check_output, state_names
+from .contacts import Contact, contacts_of
 from .problem import Linearisation, motion_of
 
 NODES = 20
@@ -33,7 +34,8 @@ class Mean(NamedTuple):
     """The mean of an output, and an estimate of its error."""
 
     value: float
-    """Not a number where impacts are out of order, or there are none to take the mean over."""
+    """Not a number where impacts are out of order, or there are none, or no contacts, to take the
+    mean over."""
     error: float
 
 
@@ -52,6 +54,14 @@ def means_of(here: Linearisation, outputs: Sequence[Output], model: Model) -> li
         lengths = np.array([here.span])
     if (lengths < 0.0).any():
         return [Mean(np.nan, np.nan)] * len(outputs)
+    if any(output.contacts for output in outputs):
+        along = iter(means_of(here, [o for o in outputs if not o.contacts], model))
+        contacts = contacts_of(here, model)
+        return [
+            _over_contacts(contacts, one, model) if one.contacts else next(along) for one in outputs
+        ]
+    if not outputs:
+        return []
     before = np.full((2, len(outputs)), np.nan)
     parts = 1
     while True:
@@ -76,9 +86,26 @@ def means_of(here: Linearisation, outputs: Sequence[Output], model: Model) -> li
     return found
 
 
-def mean_output(here: Linearisation, model: Model, expression: str, at_impacts: bool) -> Mean:
+def _over_contacts(contacts: Sequence[Contact], output: Output, model: Model) -> Mean:
+    """The mean of an output over contacts; its error is by that of the deflections."""
+    chosen = [c for c in contacts if c.wall in output.contacts]
+    if not chosen:
+        return Mean(np.nan, np.nan)
+    both = []
+    for shift in (0.0, 1.0):
+        known = {name: np.array([getattr(c, name) for c in chosen]) for name in CONTACT}
+        known["deflection"] = known["deflection"] + shift * np.array([c.error for c in chosen])
+        with np.errstate(all="ignore"):
+            found = values_of(output.expression, output.name, known | model.parameters)
+        both.append(float(np.mean(found)))
+    return Mean(both[0], abs(both[1] - both[0]) + ROUNDING * abs(both[0]))
+
+
+def mean_output(
+    here: Linearisation, model: Model, expression: str, at_impacts: bool, contacts: str
+) -> Mean:
     """Return the mean of an expression along an orbit; see `Orbit.mean`."""
-    output = Output("output", expression, at_impacts)
+    output = Output("output", expression, at_impacts, contacts)
     check_output(output, model, "expression")
     return means_of(here, [output], model)[0]
 

@@ -418,23 +418,33 @@ def _outputs(given: Mapping[str, Any], where: str, here: Any) -> tuple[Output, .
     found = []
     for name, value in given.items():
         place = f"{where}.{name}"
-        if at_impacts := isinstance(value, Mapping):
+        at_impacts, contacts = False, ""
+        if isinstance(value, Mapping):
             own = Table(value, place)
-            value = own.get("before_impacts", str)
+            at_impacts = "contacts" not in value
+            contacts = "" if at_impacts else own.get("contacts", str)
+            value = own.get("before_impacts" if at_impacts else "mean", str)
             own.finish()
-        accepted = "an expression in quotes, or { before_impacts = an expression }"
+        accepted = (
+            "an expression in quotes, { before_impacts = an expression }, or "
+            "{ contacts = letters, mean = an expression }"
+        )
         value = fit(value, str, place, Key(accepted=accepted))
         if _COLUMNS.fullmatch(name):
             text = f"{short_repr(name)} is or may be a column of tables"
             raise InputError(place, text, "give another name, such as P")
-        found.append(Output(name, value, at_impacts))
+        found.append(Output(name, value, at_impacts, contacts))
         check_output(found[-1], here.model, place)
     return tuple(found)
 
 
 def _written_outputs(outputs: Sequence[Output]) -> dict[str, Any]:
     return {
-        one.name: {"before_impacts": one.expression} if one.at_impacts else one.expression
+        one.name: {"contacts": one.contacts, "mean": one.expression}
+        if one.contacts
+        else {"before_impacts": one.expression}
+        if one.at_impacts
+        else one.expression
         for one in outputs
     }
 
