@@ -95,6 +95,7 @@ if TYPE_CHECKING:
     from .systems.membrane import Membrane as Membrane
     from .systems.oscillator import Oscillator as Oscillator
     from .systems.pendulum import Pendulum as Pendulum
+    from .systems.soft_pair import SoftPair as SoftPair
     from .systems.soft_stop import SoftStop as SoftStop
     from .systems.two_masses import TwoMasses as TwoMasses
     from .systems.two_stops import TwoStops as TwoStops
@@ -107,6 +108,7 @@ _PLACES = {
     "ImpactPair": "systems.impact_pair",
     "Oscillator": "systems.oscillator",
     "BouncingBall": "systems.bouncing_ball",
+    "SoftPair": "systems.soft_pair",
     "SoftStop": "systems.soft_stop",
     "TwoStops": "systems.two_stops",
     "TwoMasses": "systems.two_masses",

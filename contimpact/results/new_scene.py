@@ -98,6 +98,14 @@ _STARTS = {
         ["0"],
         ("k_b", 5.0, 50.0),
     ),
+    "soft-pair": _Start(
+        {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.45, "k": 500.0},
+        "s",
+        (0.2, 0.6),
+        ["BbTt"],
+        ("k", 200.0, 2000.0),
+        more={"plot": 'x = "d"                              # the dimensionless length\n'},
+    ),
     "two-stops": _Start(
         {"a": 1.0, "omega": 1.7, "c": 0.1, "k": 0.0, "sigma": 0.5, "r": 0.7},
         "sigma",

@@ -14,6 +14,7 @@ SYSTEMS = {
     "oscillator": "oscillator:Oscillator",
     "bouncing-ball": "bouncing_ball:BouncingBall",
     "soft-stop": "soft_stop:SoftStop",
+    "soft-pair": "soft_pair:SoftPair",
     "two-stops": "two_stops:TwoStops",
     "two-masses": "two_masses:TwoMasses",
     "coupled-by-impact": "coupled_by_impact:CoupledByImpact",

@@ -1,0 +1,173 @@
+r"""The inclined impact pair with soft membranes at both ends, and a ball that is not weightless.
+
+A force A f shakes the capsule of mass M and holds the weights of both bodies; with the membrane's
+force F on the ball of mass m,
+
+.. math:: \ddot Z = f(t) + \bar g - \frac{M}{A m_*} F, \qquad m_* = \frac{mM}{m+M}, \qquad
+          \bar g = \frac{(m+M) g \sin\beta}{A},
+
+in the units of the impact pair: Z alone is a coordinate, since the capsule is attached to nothing.
+With the deflection delta beyond :math:`|Z| = d/2`, in metres,
+
+.. math:: F = Y'(\delta)\Bigl(\frac{2k}{\nu+1}\,Y(\delta) + c\,\dot\delta\Bigr), \qquad
+          Y = \delta\,(\delta^2 + \delta_0^2)^{(\nu-1)/4} :
+
+a spring and a damper for nu = 1, else a force :math:`k\delta^\nu` that is linear below delta_0
+(Table A1 of the paper on vibro-impact pairs has K and nu). As
+:math:`m_* \dot\delta\,d\dot\delta/dY = -(2kY/(\nu+1) + c\dot\delta)` is that of a damped
+oscillator, a ball under no other force leaves with r times its velocity, whatever that is, where
+
+.. math:: c = 2\zeta\sqrt{2 k m_*/(\nu+1)}, \qquad r = e^{-\pi\zeta/\sqrt{1-\zeta^2}}.
+
+Contact begins at B or T and ends, at b or t, where the membrane is flat again, as is usual for
+these laws: at its end the damper pulls.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, cast
+
+from ..errors import InputError, short_repr
+from ..models.model import Acceleration, Formulas, Guard, Harmonics, Mode, Parameter, Symmetry
+from .impact_pair import ImpactPair
+from .membrane import Membrane
+
+LINEAR, POWER = "linear", "power"
+
+
+class SoftPair(ImpactPair):
+    """A ball between soft membranes in an inclined, shaken capsule; units of the impact pair.
+
+    With nu = 1 all flights are in closed form; otherwise contacts are integrated, which takes the
+    extra ``ode``.
+
+    Parameters
+    ----------
+    beta, A, s, M, omega, g, forcing
+        As of `ImpactPair`.
+    r, or r_B and r_T : float
+        Restitution of the membranes where no other force acts, above 0, at most 1: it sets their
+        damping.
+    k, or k_B and k_T : float
+        Stiffness of the membranes at both ends, or at the bottom and the top, N/m^nu.
+    m : float, default 4.11e-3
+        Mass of the ball, kg.
+    nu : float, default 1
+        Exponent of the membranes' force.
+    delta_0 : float, default 1e-4
+        Deflection below which the force is linear, m.
+    membrane : str
+        ``"linear"`` or ``"power"``: the second unless nu is 1. To follow nu from 1 on, say
+        ``"power"``.
+    """
+
+    SYSTEM = "soft-pair"
+    MODES = (Mode("free"), Mode("bottom"), Mode("top"))
+    WALLS = (
+        Guard("B", side=+1, mode="free", to="bottom"),
+        Guard("T", side=-1, mode="free", to="top"),
+        Guard("b", side=-1, mode="bottom", to="free"),
+        Guard("t", side=+1, mode="top", to="free"),
+    )
+    DERIVED_FROM: ClassVar = {**ImpactPair.DERIVED_FROM, "gbar": ("beta", "A", "M", "m", "g")}
+    MEMBRANES = False
+    OPTIONS: ClassVar = {**ImpactPair.OPTIONS, "membrane": LINEAR}
+    PARAMETERS = (
+        *(p for p in ImpactPair.PARAMETERS if p.name != "r"),
+        Parameter("r", "", "the restitution of a membrane", None, 0, 1, True, split=("r_B", "r_T")),
+        Parameter(
+            "k", "N/m", "a membrane's stiffness", None, 0, above_lower=True, split=("k_B", "k_T")
+        ),
+        Parameter("m", "kg", "the ball's mass", Membrane().m, lower=0, above_lower=True),
+        Parameter("nu", "", "the exponent of a membrane's force", 1.0, lower=1),
+        Parameter("delta_0", "m", "the deflection of linear force", 1e-4, 0, above_lower=True),
+    )
+
+    def __init__(self, /, **given: Any) -> None:
+        law = LINEAR if given.get("nu", 1.0) == 1.0 else POWER
+        super().__init__(**{"membrane": law} | given)
+
+    def validate(self) -> None:
+        """Refuse a membrane that is stated to be linear and is not."""
+        law, nu = self.options["membrane"], self.values["nu"]
+        if law not in (LINEAR, POWER):
+            accepted = f"give {LINEAR!r} or {POWER!r}"
+            raise InputError("membrane", f"found {short_repr(law)}", accepted)
+        if law == LINEAR and nu != 1.0:
+            found = f"the membrane is stated to be linear, and nu is {nu!r}"
+            raise InputError("nu", found, f"give membrane = {POWER!r}, which needs contimpact[ode]")
+        if law == LINEAR:
+            self._refuse_resonance()
+
+    def _refuse_resonance(self) -> None:
+        """Refuse an undamped membrane on which the ball swings with a harmonic of the forcing."""
+        value = self.values
+        for letter in "BT":
+            r, k = (value.get(name, value.get(f"{name}_{letter}")) for name in "rk")
+            square = k * (1 / value["m"] + 1 / value["M"]) / value["omega"] ** 2
+            if r == 1 and math.isclose(
+                math.sqrt(square), max(round(math.sqrt(square)), 1), rel_tol=1e-15
+            ):
+                found = "undamped, a contact is at resonance: it has no periodic response"
+                raise InputError("omega", found, "give r below 1 or another frequency")
+
+    def symmetry(self, parameter: str, harmonics: Sequence[float]) -> Symmetry | None:
+        """That of the pair, between equal membranes."""
+        split = "k" not in self.values
+        if split and (parameter in ("k_B", "k_T") or self.values["k_B"] != self.values["k_T"]):
+            return None
+        found = super().symmetry(parameter, harmonics)
+        return found and Symmetry({**found.walls, "b": "t", "t": "b"}, found.shift, found.sign)
+
+    def formulas(self, symbols: Mapping[str, Any]) -> Formulas:
+        """The pair's flight, with more gravity, and the motion against each membrane."""
+        m, M = symbols["m"], symbols["M"]
+        pair = super().formulas({**symbols, "g": symbols["g"] * (1 + m / M)})
+        motions = {
+            "free": (pair.flight, pair.acceleration),
+            "bottom": self._contact(symbols, pair, "B"),
+            "top": self._contact(symbols, pair, "T"),
+        }
+        return Formulas(
+            period=pair.period,
+            walls={**pair.walls, "b": pair.walls["B"], "t": pair.walls["T"]},
+            derived=pair.derived,
+            flight={mode: flight for mode, (flight, _) in motions.items()},
+            acceleration={mode: acceleration for mode, (_, acceleration) in motions.items()},
+        )
+
+    def _contact(self, symbols: Mapping[str, Any], pair: Formulas, letter: str) -> Any:
+        """The flight and the acceleration in contact, by the distance from the flat membrane."""
+        import sympy
+
+        r, k = (symbols.get(name, symbols.get(f"{name}_{letter}")) for name in "rk")
+        m, M, A, omega, nu = (symbols[name] for name in ("m", "M", "A", "omega", "nu"))
+        reduced, rest = m * M / (m + M), pair.walls[letter]
+        free = cast(Acceleration, pair.acceleration)
+        zeta = -sympy.log(r) / sympy.sqrt(sympy.pi**2 + sympy.log(r) ** 2)
+        if self.options["membrane"] == LINEAR:
+            from ..models.symbolic import driven_oscillator
+
+            constant, harmonics = cast(Harmonics, pair.harmonics)
+            waves = [(n * sympy.pi, a, b) for n, a, b in harmonics]
+            stiffness = sympy.pi**2 * k / (reduced * omega**2)
+            damping = 2 * zeta * sympy.sqrt(stiffness)
+            return driven_oscillator(waves, damping, stiffness, rest, constant)
+        from ..models.nonlinear import Nonlinear
+
+        unit, per_time = A * sympy.pi**2 / (M * omega**2), omega / sympy.pi
+        spring = 2 * k / (nu + 1)
+        damper = 2 * zeta * sympy.sqrt(spring * reduced)
+
+        def law(t: Any, x: Sequence[Any], v: Sequence[Any]) -> list[Any]:
+            delta = unit * (x[0] - rest)
+            size = delta**2 + symbols["delta_0"] ** 2
+            root = size ** ((nu - 1) / 4)
+            slope = root * (1 + (nu - 1) * delta**2 / (2 * size))
+            force = slope * (spring * delta * root + damper * unit * per_time * v[0])
+            return [free(t, x, v)[0] - M / (A * reduced) * force]
+
+        motion = Nonlinear(law)
+        return motion.flight, motion.acceleration

@@ -1,0 +1,82 @@
+"""Draw Fig. 7 with soft membranes, from the exported scenes, for the page on the soft pair.
+
+python docs/figures/soft_pair.py
+"""
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import contimpact as ci
+from contimpact.plots.report import COLOURS
+
+BRANCHES = Path(__file__).parents[2] / "branches"
+SOFT = [
+    ("soft_pair_50000", "50 000 N/m", COLOURS[0]),
+    ("soft_pair_5000", "5 000 N/m", COLOURS[2]),
+    ("soft_pair_500", "500 N/m", COLOURS[4]),
+]
+FINE = ci.Settings(step=1e-4, max_step=2e-3)
+PERIOD_ONE = {"BT": 1, "BBT": 2, "BBBT": 3}
+
+
+def word(branch):
+    """The impacts alone: contacts without their releases."""
+    return branch.word.replace("b", "").replace("t", "")
+
+
+def lines(ax, x, y, branch, colour):
+    """Stable points solid, unstable ones dashed, unphysical ones left out."""
+    physical, stable = branch["physical"] == 1, branch["n_unstable"] == 0
+    for style, mask in (("-", physical & stable), ("--", physical & ~stable)):
+        ax.plot(*(np.where(mask, values, np.nan) for values in (x, y)), style, color=colour, lw=1.4)
+
+
+def slowest(branch):
+    """The slowest impact at the bottom."""
+    columns = [branch[f"v{k}"] for k, letter in enumerate(branch.word, 1) if letter == "B"]
+    return np.min(columns, axis=0)
+
+
+def diagrams():
+    """The limit of stiff membranes, with the ball's weight in gravity, and the exported scenes."""
+    heavier = 9.8 * (1.0 + ci.Membrane().m / 0.1245)
+    scene = tomllib.loads((BRANCHES / "fig7" / "scene.toml").read_text(encoding="utf-8"))
+    scene["model"]["parameters"] |= {"s": 0.45, "g": heavier}
+    scene["follow"]["switch"] = ["G"]
+    for table in ("simulate", "energy"):
+        del scene[table]
+    yield "rigid", "0.0", ci.follow(scene)
+    for name, label, colour in SOFT:
+        yield label, colour, ci.load_diagram(BRANCHES / name)
+
+
+def main():
+    figure = Figure(figsize=(10.0, 4.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for label, colour, diagram in diagrams():
+        left.plot([], [], color=colour, label=label)
+        chosen = {word(b): b for b in diagram.branches if b.period == 1 and word(b) in PERIOD_ONE}
+        for branch in chosen.values():
+            lines(left, branch["s"], slowest(branch), branch, colour)
+        born = chosen["BBBT"]
+        (grazing,) = [e for e in chosen["BBT"].events if e.kind == "G" and not e.ghost]
+        near = grazing.value - 0.0025, grazing.value + 0.001
+        seen = born["physical"] & (born["n_unstable"] == 0) & (born["s"] > near[0])
+        start = born.orbit(int(np.flatnonzero(seen)[0]))
+        fine = ci.continue_orbit(start, "s", range=near, events=["FB", "V"], settings=FINE)
+        lines(right, 1e3 * (fine["s"] - grazing.value), slowest(fine), fine, colour)
+    left.set(xlim=(0.22, 0.37), ylim=(0.0, 0.15), xlabel="s (m)")
+    left.set(ylabel="slowest impact at the bottom")
+    left.text(0.29, 0.135, "2:1")
+    left.text(0.245, 0.03, "3:1")
+    left.legend(fontsize=8, loc="upper left")
+    right.set(xlim=(-1.5, 0.7), ylim=(0.0, 0.018), xlabel="s beyond the grazing of 2:1 (mm)")
+    right.set(ylabel="slowest impact of 3:1")
+    figure.savefig(Path(__file__).with_name("soft-pair.png"), dpi=110, metadata={"Software": None})
+
+
+if __name__ == "__main__":
+    main()

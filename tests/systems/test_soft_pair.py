@@ -1,0 +1,263 @@
+"""The impact pair with soft membranes: against two bodies in SI units, and its limits."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from contimpact.accuracy.reference import Reference
+from contimpact.diagrams.orbit_branch import continue_orbit
+from contimpact.errors import InputError
+from contimpact.models.word import Word
+from contimpact.orbits.orbit import Orbit
+from contimpact.orbits.problem import OrbitProblem
+from contimpact.orbits.search import find_orbits
+from contimpact.segments.checking import check_model
+from contimpact.segments.kernels import Kernels
+from contimpact.simulation.simulator import Simulator
+from contimpact.systems.impact_pair import ImpactPair
+from contimpact.systems.membrane import Membrane
+from contimpact.systems.soft_pair import SoftPair
+
+FIG7 = {"beta": math.pi / 6, "A": 5.0, "s": 0.45}
+RIGID = FIG7 | {"r": 0.3}
+TABLE = {"k": Membrane().K, "nu": Membrane().nu}
+
+
+def soft_pair(**changes):
+    return SoftPair(**(RIGID | {"k": 5e3} | changes))
+
+
+def gravity(model):
+    """What g of a rigid pair makes its mean force that of the soft one."""
+    return model["g"] * (1 + model["m"] / model["M"])
+
+
+def rigid_limit(model):
+    """The fast 1:1 of the pair with rigid ends."""
+    p = model.values
+    given = {n: p[n] for n in (*FIG7, "M", "omega", "r", "r_B", "r_T") if n in p}
+    rigid = ImpactPair(**given, g=gravity(model))
+    found = [o for o in find_orbits(rigid, "1:1") if o.physical]
+    return max(found, key=lambda orbit: orbit.velocities[0])
+
+
+def solved(model, parameter="s"):
+    """The orbit BbTt beside the fast 1:1 of the rigid pair, by Newton's method."""
+    p, limit, rows = model.values, rigid_limit(model), []
+    for letter, t, v in zip("BT", limit.times, limit.velocities, strict=True):
+        r, k = (p.get(name, p.get(f"{name}_{letter}")) for name in "rk")
+        half = p["omega"] * math.sqrt(p["m"] / k) if p["nu"] == 1 else 0.045
+        rows += [(t, v), (t + half, -r * v)]
+    problem = OrbitProblem(model, Word("BbTt"), Kernels(model, parameter))
+    z = np.append(np.ravel(rows), p[parameter])
+    for _ in range(20):
+        here = problem.evaluate(z)
+        z[:-1] -= np.linalg.solve(here.jacobian[:, :-1], here.residual)
+    orbit = Orbit(problem, problem.evaluate(z))
+    assert orbit.residual < 1e-12
+    assert orbit.physical
+    return orbit
+
+
+class Bodies:
+    """Capsule and ball on the incline: positions upwards along it, in SI units."""
+
+    def __init__(self, model):
+        p = self.p = model.values
+        self.reduced = p["m"] * p["M"] / (p["m"] + p["M"])
+        self.tilt = p["g"] * math.sin(p["beta"])
+
+    def force(self, letter, delta, rate):
+        """Of a membrane on the ball, in the direction in which the membrane is deflected."""
+        p, nu = self.p, self.p["nu"]
+        r, k = (p.get(n, p.get(f"{n}_{letter}")) for n in "rk")
+        zeta = -math.log(r) / math.hypot(math.pi, math.log(r))
+        spring = 2 * k / (nu + 1)
+        c = 2 * zeta * math.sqrt(spring * self.reduced)
+        size = delta**2 + p["delta_0"] ** 2
+        y = delta * size ** ((nu - 1) / 4)
+        slope = size ** ((nu - 1) / 4) + (nu - 1) / 2 * delta**2 * size ** ((nu - 5) / 4)
+        return slope * (spring * y + c * rate)
+
+    def rates(self, tau, state, membrane):
+        """F = A cos(omega tau) shakes the capsule and holds the weights of both."""
+        p = self.p
+        X, V, x, v = state
+        push = 0.0
+        if membrane:
+            side = 1.0 if membrane == "B" else -1.0
+            push = self.force(membrane, X - x - side * p["s"] / 2, V - v)
+        shaken = p["A"] * math.cos(p["omega"] * tau) + (p["m"] + p["M"]) * self.tilt
+        return [V, (shaken - push) / p["M"] - self.tilt, v, push / p["m"] - self.tilt]
+
+    def run(self, orbit):
+        """Integrate from each guard to the next; times, distances beyond the ends and velocities
+        of the two, in the units of the pair."""
+        p = self.p
+        clock = math.pi / p["omega"]
+        unit = p["A"] * clock**2 / p["M"]
+        word, times = orbit.word.walls, np.append(orbit.times, orbit.times[0] + 2.0)
+        side = 1.0 if word[0] == "B" else -1.0
+        ball = -side * p["s"] / 2, -orbit.velocities[0] * unit / clock
+        state, found = [0.0, 0.0, *ball], []
+        for k, letter in enumerate(word):
+            membrane = letter if letter in "BT" else ""
+            arriving = word[(k + 1) % len(word)]
+            side = 1.0 if arriving in "Bb" else -1.0
+
+            def gap(tau, y, membrane, side=side):
+                return (y[0] - y[2]) - side * p["s"] / 2
+
+            gap.terminal = True
+            gap.direction = 1.0 if arriving in "Bt" else -1.0
+            begin, until = times[k] * clock, (times[k + 1] + 0.1) * clock
+            options = {"method": "DOP853", "rtol": 3e-14, "atol": 1e-15}
+            flight = solve_ivp(
+                self.rates, (begin, until), state, events=gap, args=(membrane,), **options
+            )
+            assert flight.status == 1
+            found.append(
+                (
+                    (flight.t[-1] - begin) / clock + times[k],
+                    (flight.y[1, -1] - flight.y[3, -1]) * clock / unit,
+                )
+            )
+            state = flight.y[:, -1]
+            times[k + 1] = found[-1][0]
+        return np.array(found), state
+
+
+UNEVEN = {"r_B": 0.3, "r_T": 0.8, "k_B": 900.0, "k_T": 4e4, "m": 0.02, "s": 0.6}
+MODELS = [soft_pair(), soft_pair(k=900.0, m=0.01), SoftPair(**FIG7 | UNEVEN)]
+
+
+@pytest.mark.parametrize("model", MODELS, ids=["stiff", "soft", "uneven"])
+def test_two_bodies(model):
+    """The orbit against both bodies' equations, with their own masses: Z alone is enough."""
+    _against_bodies(solved(model))
+
+
+def _against_bodies(orbit, tolerance=1e-10):
+    found, _ = Bodies(orbit.model).run(orbit)
+    want = np.column_stack([orbit.times, orbit.velocities])
+    want = np.vstack([want[1:], want[0] + np.array([2.0, 0.0])])
+    assert np.max(abs(found - want)) < tolerance
+
+
+def test_capsule_comes_back():
+    """What carries both weights leaves the capsule no drift: its velocity is periodic."""
+    orbit = solved(soft_pair(m=0.03))
+    _, end = Bodies(orbit.model).run(orbit)
+    assert abs(end[1]) < 1e-10
+
+
+def test_formulas_agree():
+    names = check_model(soft_pair(forcing="cos(pi*t) + sin(3*pi*t)/5"))
+    assert "flight from B" in names
+    assert soft_pair()["gbar"] == pytest.approx(
+        (0.1245 + Membrane().m) * 9.8 * 0.5 / 5.0, rel=1e-15
+    )
+
+
+def test_multipliers_product():
+    """Only dampers take volume: exp(-gamma T) in each contact."""
+    orbit = solved(soft_pair())
+    p = orbit.model.values
+    reduced = p["m"] * p["M"] / (p["m"] + p["M"])
+    zeta = -math.log(p["r"]) / math.hypot(math.pi, math.log(p["r"]))
+    gamma = 2 * zeta * math.sqrt(p["k"] / reduced) * math.pi / p["omega"]
+    taken = gamma * sum(c.duration for c in orbit.contacts)
+    assert np.prod(orbit.multipliers).real == pytest.approx(math.exp(-taken), rel=1e-11)
+
+
+def test_contact_of_a_spring():
+    """A fast ball makes a damped half swing, other forces being small beside the membrane's."""
+    simulator = Simulator(soft_pair())
+    run = simulator.run(simulator.state("B", 0.3, 1e6), impacts=1)
+    assert -run.velocities[0] / 1e6 == pytest.approx(0.3, rel=1e-6)
+
+
+@pytest.mark.full
+def test_the_stiff_limit():
+    """The difference from the rigid pair is the time in contact: it falls as k^-1/2."""
+    soft = solved(soft_pair(k=1e4), "k")
+    branch = continue_orbit(soft, "k", (1e4, 1e10), events=["FB", "PD", "G", "V"])
+    assert branch.events == []
+    limit = rigid_limit(soft.model)
+    roots = np.sqrt(branch["k"])
+    late = np.array([branch["t1"] - limit.times[0], branch["t3"] - limit.times[1]])
+    speeds = np.array([branch["v1"], branch["v3"]]) - limit.velocities[:, None]
+    stiff = branch["k"] > 1e7
+    for off in (*late, *speeds):
+        scaled = (off * roots)[stiff]
+        assert scaled == pytest.approx(scaled[-1], rel=2e-2)
+        assert abs(off[-1]) < 2e-5
+    p = soft.model.values
+    reduced = p["m"] * p["M"] / (p["m"] + p["M"])
+    zeta = -math.log(0.3) / math.hypot(math.pi, math.log(0.3))
+    half = p["omega"] * math.sqrt(reduced / (1 - zeta**2))
+    assert (branch["t2"] - branch["t1"])[-1] * roots[-1] == pytest.approx(half, rel=1e-4)
+    restitution = (-branch["v2"] / branch["v1"])[-1]
+    assert restitution == pytest.approx(0.3, abs=2e-5)
+    exact = Reference(branch.orbit(-1).problem).orbit(branch.orbit(-1).unknowns)
+    assert exact.distance(branch.orbit(-1).unknowns) < 1e-12
+
+
+def test_a_light_ball():
+    """With k/m_* held, the mass changes gravity alone, by m/M: what is left is linear in it."""
+
+    def at(m):
+        stiffness = 1e6 * m * 0.1245 / (m + 0.1245)
+        orbit = solved(soft_pair(m=m, k=stiffness))
+        return np.array([orbit.times, orbit.velocities])
+
+    none = at(1e-9)
+    one, two = at(1e-4) - none, at(2e-4) - none
+    assert np.max(abs(one)) > 1e-5
+    assert np.max(abs(two - 2 * one)) < (2e-4 / 0.1245) ** 2
+
+
+def test_symmetric_at_level():
+    model = soft_pair(beta=0.0, s=0.3)
+    found = model.symmetry("s", [0.0, 1, 1.0, 0.0])
+    assert found.walls == {"B": "T", "T": "B", "b": "t", "t": "b"}
+    uneven = SoftPair(beta=0.0, A=5.0, s=0.3, r=0.3, k_B=500.0, k_T=600.0)
+    assert uneven.symmetry("s", [0.0, 1, 1.0, 0.0]) is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "where"),
+    [
+        ({"nu": 2.0, "membrane": "linear"}, "nu"),
+        ({"membrane": "rubber"}, "membrane"),
+        ({"r": 0.0}, "restitution"),
+        ({"r": 1.0, "k": 1.0, "m": 1.0, "M": 1.0, "omega": math.sqrt(2.0)}, "resonance"),
+    ],
+)
+def test_refused(changes, where):
+    with pytest.raises(InputError, match=where):
+        soft_pair(**changes)
+
+
+@pytest.mark.full
+def test_power_law_of_exponent_one():
+    """The integrated flight of nu = 1 against the closed form."""
+    linear, integrated = solved(soft_pair()), solved(soft_pair(membrane="power"))
+    assert integrated.times == pytest.approx(linear.times, abs=1e-12)
+    assert integrated.velocities == pytest.approx(linear.velocities, abs=1e-12)
+
+
+@pytest.mark.full
+def test_table_a1():
+    """The membranes of Table A1: two bodies, and the restitution and deflection of a fast ball."""
+    model = soft_pair(**TABLE)
+    orbit = solved(model)
+    assert orbit.word.walls == "BbTt"
+    _against_bodies(orbit)
+    simulator = Simulator(model)
+    run = simulator.run(simulator.state("B", 0.3, 1e4), impacts=1)
+    assert -run.velocities[0] / 1e4 == pytest.approx(0.3, rel=1e-4)
