@@ -94,7 +94,9 @@ def documented(kind: type[T]) -> type[T]:
         f"{field.name} : {field.type}\n    {rule.doc[:1].upper()}{rule.doc[1:]}."
         for field, _, rule in keys_of(typing.cast(Any, kind))
     ]
-    kind.__doc__ = "\n".join([f"{inspect.getdoc(kind)}\n\nAttributes\n----------", *lines])
+    text, raises, errors = (inspect.getdoc(kind) or "").partition("\n\nRaises")
+    listed = "\n".join(["\n\nAttributes\n----------", *lines])
+    kind.__doc__ = f"{text}{listed}{raises}{errors}\n"
     return kind
 
 
