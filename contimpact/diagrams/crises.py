@@ -67,10 +67,12 @@ BESIDE = 1e-6
 """How far beside an orbit the motion along its unstable manifold starts."""
 PATIENT = replace(SETTLING, periods=8000)
 """How long motion beyond a crisis is given: transients are long there."""
-NEARER = 0.01, 0.02, 0.05, 0.2, 0.5
+NEARER = 0.01, 0.02, 0.05, 0.2, 0.5, 0.8, 0.95
 """Parts of the distance to a crisis at which the attractor is looked for again."""
 NEAR = 0.05
 """The part of it within which it has to be seen, and the crisis found, once more."""
+RETURNING = 40_000
+"""Impacts beyond a crisis among which motion is looked for that passes the orbit and returns."""
 TRIALS = 8
 """How often a crisis is looked for again, nearer by."""
 DEPTH = 24
@@ -105,8 +107,10 @@ class Crisis:
     attractor: str
     """Notation of the motion that ends."""
     type: str | None
-    """``boundary`` if the motion leaves the attractor beyond; None if it stays complex as long as
-    it was simulated there: the crisis is an interior one, or the transient longer."""
+    """``boundary`` if the motion leaves the attractor beyond; ``interior`` if beyond it passes the
+    orbit's stable manifold to both sides and stays complex, so that the attractor has widened, or
+    merged with another one; None if it has not passed yet, or has not settled: the transient is
+    longer than was simulated."""
     after: str
     """What the motion settles on, as far beyond as the first orbit was before the crisis."""
     seen: float
@@ -699,7 +703,7 @@ def _entries(run: Run, text: str, orbit: Orbit, both: bool) -> list[int] | None:
     ]
     nearest = sorted(entries, key=lambda row: abs(known[row]))[:ENTRIES]
     sides = {known[row] > 0.0 for row in nearest[:ARRIVALS]}
-    return nearest if both or len(sides) == 1 else None
+    return nearest if both or len(sides) < 2 else None
 
 
 Guess = tuple[str, int, Array, Word]
@@ -807,8 +811,24 @@ def _crisis(
     kernels = orbit.problem.kernels
     after = settle(Simulator(model, kernels), attractor.state, PATIENT)
     type_ = None if after.kind in (Kind.COMPLEX, Kind.NOT_SETTLED) else "boundary"
+    if after.kind is Kind.COMPLEX and passes_and_returns(orbit, after, beyond):
+        type_ = "interior"
     names = attractor.notation, type_, after.notation
     return Crisis(orbit.parameter, value, error, *names, orbit.value, there, path, there.model)
+
+
+def passes_and_returns(orbit: Orbit, after: Attractor, value: float) -> bool:
+    """Whether complex motion at a value comes near to an orbit on both sides of its stable
+    manifold, and is complex still."""
+    here = solve_near(orbit.problem, np.append(orbit.unknowns[:-1], value))
+    if here is None or after.state is None:
+        return False
+    there = Orbit(orbit.problem, here)
+    simulator = Simulator(there.model, orbit.problem.kernels)
+    run = simulator.run(after.state, impacts=RETURNING)
+    if run.end is None or _entries(run, run.word, there, False) is not None:
+        return False
+    return settle(simulator, run.end).kind is Kind.COMPLEX
 
 
 # Curves of crises in two parameters.

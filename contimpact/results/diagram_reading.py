@@ -96,7 +96,7 @@ class CrisisEnd:
     orbit: str
     """`attractor`, `orbit`: notations, the second of the unstable orbit."""
     type: str | None
-    """``boundary``, or None if the motion was seen to stay complex beyond."""
+    """``boundary`` or ``interior``; None if the motion has not passed the orbit beyond."""
     after: str
     """What the motion settles on beyond."""
 
@@ -106,8 +106,10 @@ class CrisisEnd:
             what = (
                 f"the chaos {self.attractor} meets the unstable {self.orbit} at {place} in a crisis"
             )
-            return f"{what} ({self.entry}), interior or with a long transient; beyond: {self.after}"
-        what = f"the chaos {self.attractor} ends at {place} in a {self.type} crisis"
+            unknown = "of a type that simulation does not show"
+            return f"{what} ({self.entry}), {unknown}; beyond: {self.after}"
+        does, article = ("widens", "an") if self.type == "interior" else ("ends", "a")
+        what = f"the chaos {self.attractor} {does} at {place} in {article} {self.type} crisis"
         return f"{what} on the unstable {self.orbit} ({self.entry}); beyond: {self.after}"
 
 

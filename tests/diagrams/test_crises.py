@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 
 import mpmath as mp
 import numpy as np
@@ -25,6 +26,7 @@ from contimpact.diagrams.crises import (
     follow_crisis,
     locate_crisis,
     locate_tangencies,
+    passes_and_returns,
 )
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.orbit_branch import continue_orbit
@@ -275,6 +277,31 @@ def test_a_homoclinic_tangency_is_the_crisis():
     assert abs(first.value - FIG7) <= first.error < 1e-12
     assert first.homoclinic
     assert str(first).startswith("homoclinic, 2:1 to 2:1, at s = 0.3552205282")
+
+
+def test_motion_passes_an_orbit_within_its_attractor_and_returns():
+    """1:1 is within complex motion at high restitution; of Fig. 7, 2:1 is beside it."""
+    model = ImpactPair(beta=0.25, r=0.62, A=5.0, s=0.145)
+    within = next(o for o in find_orbits(model, "1:1", parameter="s") if o.multipliers[0].real > 1)
+    beside = unstable(0.3556)
+    start = Simulator(beside.model).state("B", beside.times[0] + 1e-3, beside.velocities[0])
+    for orbit, state in ((within, "random"), (beside, start)):
+        motion = settle(orbit.model, state)
+        assert motion.kind is Kind.COMPLEX
+        assert passes_and_returns(orbit, motion, orbit.value) is (orbit is within)
+
+
+@pytest.mark.parametrize("kind", ["boundary", "interior", None])
+def test_the_type_of_a_crisis_in_words(crisis, kind):
+    typed = replace(crisis, type=kind, branch="b1")
+    branch = continue_orbit(unstable(0.3556), range=(0.355, 0.3565), events=(), name="b1")
+    text = str(add_crises(Diagram("typed", [branch]), [typed]).reading)
+    said = {
+        "boundary": "ends at s = 0.355220528 in a boundary crisis on the unstable 2:1",
+        "interior": "widens at s = 0.355220528 in an interior crisis on the unstable 2:1",
+        None: "in a crisis (e1), of a type that simulation does not show",
+    }
+    assert said[kind] in text
 
 
 @pytest.mark.full

@@ -203,8 +203,13 @@ function transitionText({ source, target, mechanism, entry, doubling, fold, doub
 
 /** A crisis in words. @param {Crisis} crisis @returns {(string | Node)[]} */
 function crisisText({ entry, attractor, orbit, type, after }) {
-  const beyond = type ? `beyond: ${after}.` : `interior, or with a long transient; beyond: ${after}.`,
-    does = type ? `ends in a ${type} crisis on` : "meets, in a crisis,";
+  const beyond = type ? `beyond: ${after}.` : `of a type that simulation does not show; beyond: ${after}.`,
+    does =
+      type === "interior"
+        ? "widens in an interior crisis on"
+        : type
+          ? `ends in a ${type} crisis on`
+          : "meets, in a crisis,";
   return [`The chaos ${attractor} ${does} the unstable ${orbit}, `, eventChip(entry), `; ${beyond}`];
 }
 
