@@ -105,6 +105,30 @@ def test_columns_of_branches(tmp_path):
     np.testing.assert_array_equal(series.values, branch["P"])
 
 
+def test_voltages_of_impacts():
+    """Equations (9) of the paper, as outputs; the membranes are those of [energy]."""
+    given = {
+        "name": "pair",
+        "model": {"system": "impact-pair", "parameters": {"beta": 0.5, "r": 0.3, "A": 5, "s": 0.4}},
+        "follow": {"parameter": "s", "range": [0.39, 0.41], "orbits": ["1:1"]},
+        "detect": {"events": []},
+        "output": {
+            "mean": {"before_impacts": "U"},
+            "rate": {"before_impacts": "U", "per": "time"},
+        },
+        "energy": {"U_in": 1000.0},
+        "plot": {"formats": []},
+    }
+    assert read_scene(given).resolved()["output"] == given["output"]
+    branch = ci.follow(given).branches[0]
+    expected = ci.energy(branch, ci.Membrane(U_in=1000.0))
+    np.testing.assert_allclose(branch["mean"], expected["U_I"], rtol=1e-10)  # as rows solve
+    np.testing.assert_allclose(branch["rate"], expected["U_T"], rtol=1e-10)
+    given["output"]["rate"]["per"] = "hour"
+    with pytest.raises(InputError, match=r"output.rate.per: .*accepted are"):
+        read_scene(given)
+
+
 @pytest.mark.parametrize(
     ("outputs", "where"),
     [

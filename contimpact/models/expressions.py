@@ -265,16 +265,27 @@ def check_expression(
     return value.work if isinstance(value, Extent) else 1.0
 
 
-def values_of(text: str, where: str, variables: Mapping[str, Any]) -> Any:
+def values_of(
+    text: str,
+    where: str,
+    variables: Mapping[str, Any],
+    functions: Mapping[str, Callable[..., Any]] | None = None,
+) -> Any:
     """Evaluate an expression on arrays, given for its variables; SymPy is not needed.
 
     Raises InputError if anything stands in it that `check_expression` refuses.
+
+    Parameters
+    ----------
+    functions : mapping, optional
+        `FUNCTIONS` of other numbers than arrays.
     """
     import numpy as np
 
     check_expression(text, where, tuple(variables))
     numpys = {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}
     names = {name: getattr(np, numpys.get(name, name)) for name in (*FUNCTIONS, *CONSTANTS)}
+    names |= {name: functions[name] for name in FUNCTIONS} if functions else {}
     return _ArrayEvaluator(text, where, names | dict(variables), float).value()
 
 

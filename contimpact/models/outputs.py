@@ -2,15 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 from ..errors import InputError, short_repr
 from .expressions import CONSTANTS, FUNCTIONS, check_expression
 from .model import Model
 
-TIME = "t"
+TIME, VOLTAGE = "t", "U"
 CONTACT = ("duration", "deflection", "speed", "restitution")
 """What is known of a contact: see `contimpact.orbits.contacts.Contact`."""
+
+
+class Harvester(Protocol):
+    """What gives an impact a voltage; see `contimpact.Membrane`."""
+
+    def scale(self, parameters: Mapping[str, Any]) -> Any:
+        """Return the dimensional velocity of one unit of the model's."""
+
+    def voltage(self, velocity: Any) -> Any:
+        """Return the voltages of impacts at dimensional velocities."""
+
+    def slope(self, velocity: Any) -> Any:
+        """Return the derivative of the voltage by the velocity."""
 
 
 @dataclass(frozen=True)
@@ -25,25 +40,37 @@ class Output:
     contacts : str
         Letters of guards at which contacts begin: its mean is that over these contacts, and it is
         an expression in `CONTACT` and the parameters.
+    per_time : bool
+        Whether it is their sum in a unit of time instead.
+    harvester : Harvester, optional
+        What gives an impact the voltage ``U``.
     """
 
     name: str
     expression: str
     at_impacts: bool = False
     contacts: str = ""
+    per_time: bool = False
+    harvester: Harvester | None = None
+
+    def variables(self, model: Model) -> list[str]:
+        """Return the names it may use."""
+        if self.contacts:
+            return [*CONTACT, *model.values, *model.DERIVED]
+        return [*variables_of(model), *([VOLTAGE] if self.harvester else [])]
 
 
 def variables_of(model: Model) -> list[str]:
     """Return the names that outputs may use: the state's in every mode, ``t``, all parameters."""
     modes = [state_names(model, mode.name) for mode in model.MODES] or [state_names(model, "")]
     state = [name for name in modes[0] if name and all(name in names for names in modes)]
-    return [*state, TIME, *model.parameters]
+    return [*state, TIME, *model.values, *model.DERIVED]
 
 
 def check_output(output: Output, model: Model, where: str) -> None:
     """Raise InputError if an output is no expression in the names of the model."""
-    taken = variables_of(model)
-    known = [*CONTACT, *model.parameters] if output.contacts else taken
+    known = output.variables(model)
+    taken = variables_of(model) if output.contacts else known
     if not set(output.contacts) <= set(model.letters):
         found = f"contacts with {short_repr(output.contacts)}"
         raise InputError(where, found, f"give letters of guards: {', '.join(model.letters)}")
@@ -65,5 +92,5 @@ def state_names(model: Model, mode: str) -> list[str]:
     ]
     speeds = [v if v.isidentifier() else f"v{i}" for (_, v), i in zip(pairs, numbers, strict=True)]
     speeds = ["" if i in first else v for i, v in enumerate(speeds)]
-    taken = {*positions, *model.parameters, TIME}
+    taken = {*positions, *model.values, *model.DERIVED, TIME}
     return [*positions, *("" if v in taken else v for v in speeds)]

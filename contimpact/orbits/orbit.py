@@ -10,13 +10,13 @@ import numpy as np
 
 from ..arrays import Array
 from ..display import NotebookResult, ParameterItems, Summary, frame, limit_lines
-from ..errors import InputError
 from ..models.model import Model
+from ..models.outputs import Harvester, Output
 from ..models.word import Word, name_orbit
 from ..segments.kernels import Kernels
 from .contacts import Contact, contacts_of
 from .noise import Fluctuations, fluctuations_of
-from .outputs import Mean, mean_output
+from .outputs import Mean, mean_output, mean_slope, rates_of
 from .problem import Linearisation, OrbitProblem, Path, motion_of, path_of
 from .quiet import problem_of
 
@@ -46,13 +46,7 @@ def sensitivity_of(orbit: Orbit, parameter: str) -> Sensitivity:
     model.require(parameter, "parameter")
     problem = problem_of(model, orbit.word, Kernels(model, parameter))
     unknowns = np.append(orbit.unknowns[: problem.n], model.values[parameter])
-    jacobian = problem.evaluate(unknowns).jacobian
-    try:
-        moved = -np.linalg.solve(jacobian[:, : problem.n], jacobian[:, problem.n])
-    except np.linalg.LinAlgError:
-        accepted = "take an orbit beside it"
-        raise InputError("orbit", "it turns here: its derivatives are infinite", accepted) from None
-    rows = moved.reshape(-1, problem.m)
+    rows = rates_of(problem.evaluate(unknowns)).reshape(-1, problem.m)
     return Sensitivity(rows[:, 0], rows[:, 1])
 
 
@@ -186,7 +180,15 @@ class Orbit(ParameterItems, NotebookResult):
         """Contacts with what gives way, such as a soft stop: how long, how deep, how elastic."""
         return contacts_of(self.linearisation, self.model)
 
-    def mean(self, expression: str, at_impacts: bool = False, contacts: str = "") -> Mean:
+    def mean(
+        self,
+        expression: str,
+        at_impacts: bool = False,
+        contacts: str = "",
+        *,
+        per_time: bool = False,
+        harvester: Harvester | None = None,
+    ) -> Mean:
         """Return the mean of an expression over the period, and an estimate of its error.
 
         Parameters
@@ -198,13 +200,42 @@ class Orbit(ParameterItems, NotebookResult):
         contacts : str
             Letters at which contacts begin, to take the mean over these of an expression in their
             ``duration``, ``deflection``, ``speed`` and ``restitution`` and the parameters.
+        per_time : bool
+            Whether to take the sum of the values before impacts in a unit of time.
+        harvester : Membrane, optional
+            Gives the expression the name ``U``, the voltage of an impact at the velocity ``v``.
 
         Raises
         ------
         InputError
             For anything else in the expression.
         """
-        return mean_output(self.linearisation, self.model, expression, at_impacts, contacts)
+        at_impacts = at_impacts or per_time
+        output = Output("output", expression, at_impacts, contacts, per_time, harvester)
+        return mean_output(self.linearisation, self.model, output)
+
+    def mean_sensitivity(
+        self,
+        expression: str,
+        parameter: str,
+        at_impacts: bool = False,
+        *,
+        per_time: bool = False,
+        harvester: Harvester | None = None,
+    ) -> float:
+        """Return the exact derivative of a mean with respect to a parameter, all others held.
+
+        Arguments as of `mean`.
+
+        Raises
+        ------
+        InputError
+            For anything else in the expression, a parameter the model does not have, or an orbit
+            without impacts, at a fold or at a branch point.
+        """
+        at_impacts = at_impacts or per_time
+        output = Output("output", expression, at_impacts, "", per_time, harvester)
+        return mean_slope(self.linearisation, self.model, output, parameter)
 
     def sensitivity(self, parameter: str) -> Sensitivity:
         """Return the derivatives of impact times and velocities with respect to a parameter.

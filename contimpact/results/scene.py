@@ -418,11 +418,13 @@ def _outputs(given: Mapping[str, Any], where: str, here: Any) -> tuple[Output, .
     found = []
     for name, value in given.items():
         place = f"{where}.{name}"
-        at_impacts, contacts = False, ""
+        at_impacts, contacts, per = False, "", "impact"
         if isinstance(value, Mapping):
             own = Table(value, place)
             at_impacts = "contacts" not in value
             contacts = "" if at_impacts else own.get("contacts", str)
+            if at_impacts:
+                per = own.get("per", str, per, choices=("impact", "time"))
             value = own.get("before_impacts" if at_impacts else "mean", str)
             own.finish()
         accepted = (
@@ -433,16 +435,18 @@ def _outputs(given: Mapping[str, Any], where: str, here: Any) -> tuple[Output, .
         if _COLUMNS.fullmatch(name):
             text = f"{short_repr(name)} is or may be a column of tables"
             raise InputError(place, text, "give another name, such as P")
-        found.append(Output(name, value, at_impacts, contacts))
+        membrane = (here.energy or Membrane()) if here.model.MEMBRANES else None
+        found.append(Output(name, value, at_impacts, contacts, per == "time", membrane))
         check_output(found[-1], here.model, place)
     return tuple(found)
 
 
 def _written_outputs(outputs: Sequence[Output]) -> dict[str, Any]:
+    per = {True: {"per": "time"}, False: {}}
     return {
         one.name: {"contacts": one.contacts, "mean": one.expression}
         if one.contacts
-        else {"before_impacts": one.expression}
+        else {"before_impacts": one.expression} | per[one.per_time]
         if one.at_impacts
         else one.expression
         for one in outputs

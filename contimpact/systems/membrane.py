@@ -62,6 +62,27 @@ class Membrane:
             accepted = "give a ball smaller than the membrane"
             raise InputError("R_b", f"{self.R_b!r} is not below R_c = {self.R_c!r}", accepted)
 
+    def scale(self, parameters: Mapping[str, Any]) -> Any:
+        """Return the dimensional velocity of one unit of the impact pair's, m/s."""
+        return velocity_scale(parameters)
+
+    def slope(self, velocity: Any) -> Array:
+        """Return the derivative of the voltage by the velocity, V s/m; arguments as `voltage`."""
+        import numpy as np
+
+        v = np.asarray(velocity, dtype=float)
+        speed, power = np.abs(v), 1.0 / (self.nu + 1.0)
+        depth = ((self.nu + 1.0) / (2.0 * self.K) * self.m * speed**2) ** power
+        h = self.R_b - depth
+        q = np.sqrt(self.R_c**2 - depth * (2.0 * self.R_b - depth))
+        cosine = (self.R_b * h + self.R_c * q) / (self.R_c**2 + h**2)
+        falling = (self.R_b + self.R_c * h / q - 2.0 * h * cosine) / (self.R_c**2 + h**2)
+        missing = 1.0 - cosine  # its derivative by the depth is `falling`
+        area = missing * (self.R_c**2 - self.R_b**2 * missing) / (self.R_c**2 * cosine)
+        rate = (1.0 - 2.0 * (self.R_b / self.R_c) ** 2 * missing + area) / cosine * falling
+        deepening = np.where(speed > 0.0, 2.0 * power * depth / np.where(v == 0.0, 1.0, v), 0.0)
+        return np.asarray(2.0 * self.U_in * (1.0 + area) * rate * deepening)
+
     def voltage(self, velocity: Any) -> Array:
         """Return the net output voltage of impacts.
 
