@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from .diagrams.crises import locate_crisis as locate_crisis
     from .diagrams.crises import locate_tangencies as locate_tangencies
     from .diagrams.curves import follow_curve as follow_curve
+    from .diagrams.design import design as design
     from .diagrams.explore import follow as follow
     from .diagrams.isolines import follow_isoline as follow_isoline
     from .diagrams.isolines import sensitivity as sensitivity
@@ -154,6 +155,7 @@ _PLACES = {
     "plot_curves": "plots.curves",
     "save": "simulation.files",
     "load": "simulation.files",
+    "design": "diagrams.design",
     "sensitivity": "diagrams.isolines",
     "write_auto": "results.formats",
     "write_mat": "results.formats",

@@ -13,6 +13,7 @@ import typing
 from collections.abc import Mapping
 from pathlib import Path
 
+from contimpact.results.design_table import DesignOptions
 from contimpact.results.options import CertifyOptions, CurveOptions, PlotOptions
 from contimpact.results.scene import Scene
 from contimpact.results.simulate_tables import SimulateOptions
@@ -21,7 +22,7 @@ from contimpact.studies.study_file import StudyFile
 from contimpact.systems.membrane import Membrane
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-PAGES = ("scene", "curves", "simulate", "certificates", "studies")
+PAGES = ("scene", "curves", "simulate", "certificates", "studies", "design")
 KINDS = {
     kind.__name__: kind
     for kind in (
@@ -30,6 +31,7 @@ KINDS = {
         CurveOptions,
         SimulateOptions,
         CertifyOptions,
+        DesignOptions,
         Membrane,
         StudyFile,
     )

@@ -236,10 +236,15 @@ def parser() -> argparse.ArgumentParser:
     fit.add_argument("-o", "--output", metavar="FILE", help="picture of the residuals to write")
     fit.set_defaults(module="fit")
 
+    design = commands.add_parser("design", help="maximise an output at a margin from bifurcations")
+    design.add_argument("scene", metavar="SCENE", help="a scene file (TOML) with [design]")
+    design.add_argument("-o", "--output", metavar="FILE", help="file to write as a table (csv)")
+    design.set_defaults(module="design")
+
     completion = commands.add_parser("completion", help="print the completion of a shell")
     completion.add_argument("shell", choices=["bash", "zsh", "fish"], help="the shell")
     completion.set_defaults(module="completion")
-    for command in (check, run, simulate, report, plot, range_, fit):
+    for command in (check, run, simulate, report, plot, range_, fit, design):
         command.add_argument(
             "--system",
             metavar="FILE",

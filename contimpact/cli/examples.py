@@ -17,6 +17,7 @@ EXAMPLES = {
     "view": "contimpact view out/fig7",
     "range": "contimpact range out/fig7 --at 0.3 --at 0.356",
     "fit": "contimpact fit branches/fig8/scene.toml impacts.csv --parameter r -o residuals.png",
+    "design": "contimpact design examples/harvester.toml -o design.csv",
     "certify": "contimpact certify out/fig7",
     "study": "contimpact study branches/atlas/A5.toml -o competition.sqlite --workers 2",
     "export": "contimpact export competition.sqlite -o out/tables --format csv.gz --table events",

@@ -17,7 +17,7 @@ until it is lost; each event found is kept if the orbit stays observable on the 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -199,7 +199,7 @@ def find_margins(
         raise InputError("tolerances", short_repr(dict(tolerances)), accepted)
     if not 0.0 < within < np.inf:
         raise InputError("within", short_repr(within), "give a positive number")
-    return _Search(given, dict(tolerances), within).margins()
+    return Search(given, dict(tolerances), within).margins()
 
 
 class _Lost(NamedTuple):
@@ -227,16 +227,22 @@ class _Found:
         return self.kind.name, *(self.details.get(name) for name in ("flight", "wall", "impact"))
 
 
-class _Search:
+class Search:
     """The search for the nearest events of one orbit."""
 
-    def __init__(self, orbit: Orbit, tolerances: dict[str, float], within: float) -> None:
+    def __init__(
+        self,
+        orbit: Orbit,
+        tolerances: Mapping[str, float],
+        within: float,
+        kernels: Kernels | None = None,
+    ) -> None:
         model = orbit.model
         for name in tolerances:
             model.require(name, "tolerances")
         self.orbit, self.tolerances, self.within = orbit, tolerances, within
         self.units = np.array(list(tolerances.values()))
-        self.problem = problem_of(model, orbit.word, Kernels(model, *tolerances))
+        self.problem = problem_of(model, orbit.word, kernels or Kernels(model, *tolerances))
         n, self.center = self.problem.n, np.array([model.values[name] for name in tolerances])
         self.start = self.problem.evaluate(np.append(orbit.unknowns[:n], self.center))
         self.kinds = [kind_of(name) for name in usual_events(model)]
@@ -298,10 +304,10 @@ class _Search:
 
     # Lines.
 
-    def lost_on(self, y: Array) -> _Lost | None:
+    def lost_on(self, y: Array, steps: int = STEPS) -> _Lost | None:
         """Follow the orbit to y; return where it is lost, None if it is observable all along."""
         self.end, fraction = self.start, 0.0
-        step, far = 1.0 / STEPS, float(np.linalg.norm(y))
+        step, far = 1.0 / steps, float(np.linalg.norm(y))
         while fraction < 1.0:
             step = min(step, 1.0 - fraction)
             there, why = self.moved(self.end, self.center + (fraction + step) * self.units * y)
@@ -311,7 +317,7 @@ class _Search:
                     return _Lost(self.end, fraction * far, why)
                 continue
             self.end, fraction = there, fraction + step
-            step = min(2.0 * step, 1.0 / STEPS)
+            step = min(2.0 * step, 1.0 / steps)
         return None
 
     def moved(self, here: Linearisation, free: Array) -> tuple[Linearisation | None, str]:
@@ -379,6 +385,22 @@ class _Search:
         found = _Found(kind, {**details, **system.details(solution.own)}, y, solution)
         return found if 0.0 < found.distance <= self.within else None
 
+    def again(self, event: EventMargin) -> EventMargin | None:
+        """An event of a neighbouring orbit, as it is of this one; None if the search fails."""
+        n, values = self.problem.n, self.orbit.model.values
+        place = [
+            event.orbit[name] if name in event.tolerances else values[name]
+            for name in self.tolerances
+        ]
+        here = self.problem.evaluate(np.append(event.orbit.unknowns[:n], place))
+        found = self.sought(kind_of(event.kind), event.details, here, np.inf)
+        if found is None:
+            return None
+        direction = dict(zip(self.tolerances, (found.y / found.distance).tolist(), strict=True))
+        orbit = Orbit(self.problem, found.solution.here)
+        moved = replace(event, distance=found.distance, direction=direction, orbit=orbit)
+        return replace(moved, details=found.details, tolerances=self.tolerances)
+
     def event(self, found: _Found) -> EventMargin | None:
         """What was found as an event on a branch; None where its kind does not accept it."""
         n, here, kind = self.problem.n, found.solution.here, found.kind
@@ -442,7 +464,7 @@ def _minimise(
             return None
         if before:
             step = y - before[0]
-            hessian = _updated(hessian, step, step + mu * (normal - before[1]))
+            hessian = updated_hessian(hessian, step, step + mu * (normal - before[1]))
         astray = max(abs(off), float(np.linalg.norm(y - (normal @ y) * normal)))
         if np.max(np.abs(at.residual)) < CONVERGED and astray <= STATIONARY * np.linalg.norm(y):
             if settled:
@@ -469,7 +491,7 @@ def _minimise(
     return None
 
 
-def _updated(hessian: Array, step: Array, bend: Array) -> Array:
+def updated_hessian(hessian: Array, step: Array, bend: Array) -> Array:
     """The damped update of Powell, which keeps the Hessian positive definite."""
     product = hessian @ step
     size, given = float(step @ product), float(step @ bend)

@@ -39,6 +39,7 @@ from ..schema import Key, Table, fit, key, read, written
 from ..storage.files import check_length, read_bounded, reason
 from ..systems import SYSTEMS, system
 from ..systems.membrane import Membrane
+from .design_table import DesignOptions
 from .options import (
     LARGEST_SEED,
     MOST_BRANCHES,
@@ -600,6 +601,8 @@ class Scene(ParameterItems):
         silent=True,
     )
     """Expressions of which branches have the means."""
+    design: DesignOptions | None = key(None)
+    """Options of ``contimpact design``."""
     plot: PlotOptions = key(usual=lambda here: read(PlotOptions, {}, "plot", here))
     given: Mapping[str, Any] = field(default_factory=dict)
     """The scene as it was written."""

@@ -1,0 +1,170 @@
+"""Designs against differences, many starts, and motions simulated by themselves."""
+
+from __future__ import annotations
+
+import copy
+import math
+
+import numpy as np
+import pytest
+
+import contimpact as ci
+from contimpact.results.scene import read_scene
+
+SCENE = {
+    "name": "harvester",
+    "model": {
+        "system": "impact-pair",
+        "parameters": {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.34},
+    },
+    "follow": {"parameter": "s", "range": [0.2, 0.8], "orbits": ["2:1"]},
+    "output": {
+        "P": {"before_impacts": "U**2", "per": "time"},
+        "speed": {"before_impacts": "sqrt(v**2)"},
+        "height": "x**2",
+    },
+    "design": {
+        "maximise": "P",
+        "bounds": {"s": [0.25, 0.42], "A": [4.5, 5.5]},
+        "tolerances": {"s": "2%", "r": "2%"},
+        "starts": 4,
+        "restarts": 1,
+    },
+}
+
+
+def scene(**changes):
+    """The scene with other keys of [design]; None takes one away."""
+    given = copy.deepcopy(SCENE)
+    given["design"] |= changes
+    given["design"] = {key: value for key, value in given["design"].items() if value is not None}
+    return given
+
+
+@pytest.fixture(scope="module")
+def design():
+    return ci.design(scene(margins=[0.99, 1.01]))
+
+
+@pytest.fixture(scope="module")
+def found(design):
+    return design.best
+
+
+def test_the_margin_is_kept_and_named(found):
+    """The distance is that which `find_margins` finds by itself; the price is a difference's."""
+    model = found.orbit.model
+    tolerances = {"s": 0.02 * model["s"], "r": 0.02 * model["r"]}
+    orbit = next(o for o in ci.find_orbits(model, "2:1", parameter="s") if o.stable and o.physical)
+    nearest = ci.find_margins(orbit, tolerances, within=3.0).nearest
+    assert nearest.distance == pytest.approx(1.0, abs=1e-6)
+    assert found.settled
+    assert [one.name for one in found.active] == [nearest.label, "bound A = 5.5"]
+    power = orbit.mean("U**2", per_time=True, harvester=ci.Membrane()).value
+    assert found.value == pytest.approx(power, rel=1e-9)
+    assert found.orbit.parameter == "s"
+    assert found.orbit.fluctuations({"r": 1e-4}).times == pytest.approx(
+        orbit.fluctuations({"r": 1e-4}).times, rel=1e-6
+    )
+
+
+def test_prices_are_slopes_of_the_trade_off(design):
+    low, high = (one.value for one in design.trade_off)
+    (price,) = (one.price for one in design.best.active if not one.name.startswith("bound"))
+    assert price == pytest.approx((low - high) / 0.02, rel=1e-4)
+    rows = design.table().splitlines()
+    assert [row.split(",")[0] for row in rows] == ["is", "best", "margin", "margin"]
+    assert "limited by" in repr(design)
+
+
+@pytest.mark.full
+def test_no_random_point_keeps_the_margin_and_gives_more(found):
+    rng, better = np.random.default_rng(1), 0
+    for s, force in rng.uniform((0.25, 4.5), (0.42, 5.5), size=(200, 2)).tolist():
+        model = found.orbit.model.replace(s=s, A=force)
+        for orbit in ci.find_orbits(model, "2:1", starts=32, rounds=1):
+            power = orbit.mean("U**2", per_time=True, harvester=ci.Membrane()).value
+            if orbit.stable and orbit.physical and power > found.value:
+                better += 1
+                margins = ci.find_margins(orbit, {"s": 0.02 * s, "r": 0.006}, within=1.0)
+                assert margins.nearest.distance < 1.0
+    assert better > 0
+
+
+@pytest.mark.full
+def test_limits():
+    """The largest speed of an impact, and the largest square of the position, at their limits."""
+    fast = ci.design(scene(limits={"speed": 0.6}, tolerances=None)).best
+    assert max(abs(fast.orbit.velocities)) == pytest.approx(0.6, abs=1e-6)
+    assert "speed = 0.6" in fast.limited_by
+    high = ci.design(scene(limits={"height": 0.01}, tolerances=None)).best
+    half = high.orbit["d"] / 2  # a wall bounds it
+    assert half**2 == pytest.approx(0.01, abs=1e-6)
+    assert "height = 0.01" in high.limited_by
+
+
+@pytest.mark.full
+def test_what_cannot_be_is_said():
+    nothing = ci.design(scene(margin=1000.0))
+    assert nothing.best is None
+    assert "No orbit satisfies the constraints" in repr(nothing)
+    none = ci.design({**scene(), "follow": {**SCENE["follow"], "orbits": ["7:2"]}})
+    assert none.notes == ("no stable physical 7:2 at 4 random points",)
+
+
+@pytest.mark.full
+def test_fractions_of_starts():
+    """Of the motions at an optimum, the parts of starts add up to one."""
+    design = ci.design(scene(fraction=0.01, fraction_starts=40))
+    part, low, high = design.best.fraction
+    assert low <= part <= high
+    assert part >= 0.01
+    refused = ci.design(scene(fraction=1.0, fraction_starts=40, bounds={"s": [0.33, 0.355]}))
+    if refused.best is None:
+        assert refused.others[0].fraction[0] < 1.0
+
+
+@pytest.mark.full
+def test_complex_motion():
+    """The mean of a longer run, whose own error is small, is about where the interval says."""
+    given = scene(bounds={"s": [0.357, 0.361]}, tolerances=None, chaos=10, starts=1)
+    found = ci.design(given).chaos
+    low, high = found.interval
+    assert low < found.value < high
+    model = read_scene(given).model.replace(**found.parameters)
+    simulator = ci.Simulator(model)
+    run = simulator.run(ci.settle(simulator).state, periods=20000)
+    scale = model["A"] * math.pi / (model["M"] * model["omega"])
+    powers = ci.Membrane().voltage(scale * run.velocities) ** 2
+    assert abs(powers.sum() / 40000 - found.value) < 2.0 * (high - low)
+
+
+@pytest.mark.parametrize(
+    ("changes", "where"),
+    [
+        ({"maximise": "Q"}, r"design\.maximise: 'Q' is no output; accepted are P, speed, height"),
+        ({"bounds": {}}, r"design\.bounds"),
+        ({"bounds": {"q": [0, 1]}}, r"design\.bounds\.q"),
+        ({"bounds": {"s": [0.4, 0.3]}}, r"design\.bounds\.s"),
+        ({"bounds": {"s": [-1, 0.3]}}, r"design\.bounds\.s"),
+        ({"tolerances": {"s": "-5%"}}, r"design\.tolerances\.s"),
+        ({"tolerances": {"s": 0}}, r"design\.tolerances\.s"),
+        ({"tolerances": None, "margin": 1}, r"design\.margin.*design\.tolerances"),
+        ({"margins": [-1]}, r"design\.margins\[0\]"),
+        ({"limits": {"v": 1}}, r"design\.limits\.v"),
+        ({"fraction": 2}, r"design\.fraction"),
+        ({"maximise": "height", "chaos": 5}, r"design\.chaos"),
+        ({"restart": 5}, r"design\.restart.*restarts"),
+    ],
+)
+def test_refusals(changes, where):
+    with pytest.raises(ci.InputError, match=where):
+        read_scene(scene(**changes))
+
+
+def test_scenes_without_a_design_are_refused():
+    given = {key: table for key, table in SCENE.items() if key != "design"}
+    with pytest.raises(ci.InputError, match=r"^design: missing"):
+        ci.design(given)
+    options = read_scene(scene()).resolved()["design"]
+    assert read_scene({**SCENE, "design": options}).design == read_scene(scene()).design
