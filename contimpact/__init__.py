@@ -69,6 +69,7 @@ if TYPE_CHECKING:
     from .simulation.basins import cover as cover
     from .simulation.energy import energy as energy
     from .simulation.energy import losses as losses
+    from .simulation.escapes import escape_rate as escape_rate
     from .simulation.files import load as load
     from .simulation.files import save as save
     from .simulation.fractions import basin_fractions as basin_fractions
@@ -169,6 +170,7 @@ _PLACES = {
     "Membrane": "systems.membrane",
     "energy": "simulation.energy",
     "losses": "simulation.energy",
+    "escape_rate": "simulation.escapes",
     "settle": "simulation.settle",
     "sweep": "simulation.sweep",
     "find_transitions": "simulation.transitions",
