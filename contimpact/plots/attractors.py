@@ -97,10 +97,9 @@ def motion(
     walls, speeds, released, *others = columns
     given: dict[str, Any] = dict(zip(("others", "held"), others, strict=False))
     t, z, v = simulator.path(walls, times, speeds, released, **given)
-    if simulator.several:
-        z, v = (part[:, coordinates_of(simulator)] for part in (z, v))
-    else:
-        z, v = z[:, None], v[:, None]
+    z, v = (
+        part[:, coordinates_of(simulator)] if part.ndim == 2 else part[:, None] for part in (z, v)
+    )
     hits = [row for row in zip(times, walls, speeds, released, strict=True) if not row[3]]
     return t, z, v, [(time, int(wall), speed) for time, wall, speed, _ in hits]
 
@@ -219,11 +218,11 @@ def plot_series(simulator: Simulator, attractor: Attractor, ax: Any = None) -> A
 
 def _name_in_portrait(simulator: Simulator, moving: bool = False) -> str:
     """What an axis of gap coordinates is called."""
-    if simulator.several and len(coordinates_of(simulator)) > 1:
+    if not simulator.several:
+        return r"$\dot{Z}$" if moving else "$Z$"
+    if len(coordinates_of(simulator)) > 1:
         return "their velocities" if moving else "gap coordinates"
-    if simulator.several:
-        return "its velocity" if moving else "gap coordinate"
-    return r"$\dot{Z}$" if moving else "$Z$"
+    return "its velocity" if moving else "gap coordinate"
 
 
 def wall_names(letters: Sequence[str], places: Sequence[float]) -> list[tuple[str, float, str]]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import enum
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from ..arrays import Array
 from ..display import NotebookResult, ParameterItems, Summary, frame
 from ..errors import InputError
 from ..models.model import Model
-from ..orbits.multipliers import multipliers, roots
+from ..orbits.multipliers import multipliers
 from ..orbits.orbit import Orbit
 from ..results.tables import same_data
 from ..storage.texts import build_record
@@ -316,23 +316,15 @@ class Cycle:
         return replace(state.within(forcing_period), turns=0)
 
 
-class Map(NamedTuple):
-    """The simulated map around a cycle, for one section coordinate or several."""
+# Motion that rests on a wall for a part of its period keeps its other coordinates, so that it need
+# not repeat itself at once: it has a cycle when its sojourns agree. With one coordinate it keeps
+# nothing, and repeats itself exactly.
 
-    size: Callable[[Simulator, State, Sequence[float]], float]
-    """``size(simulator, state, miss)``: how large it is by what the end of a run misses its start:
-    time and section coordinates."""
-    step: Callable[[Simulator, State, Run, Sequence[float]], Sequence[float] | None]
-    """``step(simulator, state, run, miss)``: newton's step, None if there is none."""
-    moved: Callable[[Simulator, State, Sequence[float]], State]
-    """``moved(simulator, state, step)``: the start after a step."""
-    cycle: Callable[[Simulator, State, Run, int, float], Cycle]
-    """``cycle(simulator, state, run, period, closing)``: a run that closes, as a cycle."""
+NOTHING = 1e-14
+"""Multipliers below this are zero where a wall is held: what it held is forgotten."""
 
 
-def solve_cycle(
-    simulator: Simulator, around: Map, state: State, impacts: int, period: int
-) -> Cycle | None:
+def solve_cycle(simulator: Simulator, state: State, impacts: int, period: int) -> Cycle | None:
     """Solve for the cycle near a state by Newton's iteration on the simulated map.
 
     Parameters
@@ -351,73 +343,80 @@ def solve_cycle(
     for _ in range(12):
         run = simulator.run(state, impacts=impacts)
         walls, end = run.walls.tolist(), run.end
-        rests = (run.held if simulator.several else run.released).any()
-        left = len(run) < impacts or rests or word not in (None, walls)
+        left = len(run) < impacts or _rests(run) or word not in (None, walls)
         if left or end is None or end.wall != state.wall:
             return None
         word = walls
         late = (end.turns - state.turns - period) * simulator.period + end.phase - state.phase
-        miss = [late, *(b - a for a, b in zip(state.section, end.section, strict=True))]
-        size = around.size(simulator, state, miss)
+        miss = np.array([late, *np.subtract(end.section, state.section)])
+        sizes = np.array([simulator.period, *np.maximum(1.0, np.abs(state.section))])
+        size = float(np.max(np.abs(miss) / sizes))
+        rows = [state, *run.states()]
         if size < CLOSED or (size >= 0.5 * best and size < ROUNDED):
-            return around.cycle(simulator, state, run, period, size)
-        step = around.step(simulator, state, run, miss)
+            mus = _multipliers(simulator, rows)
+            return _cycle_of_states(run, rows[:-1], period, mus, size)
+        step = _newton_step(simulator, rows, miss)
         if size > 10.0 * best or step is None:
             return None
         best = min(best, size)
-        state = around.moved(simulator, state, step)
+        section = np.add(state.section, step[1:]).tolist()
+        moved = State(state.wall, state.phase + step[0], section[0], others=tuple(section[1:]))
+        state = replace(moved.within(simulator.period), turns=0)
         if state.velocity * simulator.sides[state.wall] <= 0.0:
             return None
     return None
 
 
-def shortest_closed(
-    simulator: Simulator,
-    around: Map,
-    run: Run,
-    impacts: int,
-    repetitions: Callable[[Cycle, float], int],
-) -> Cycle | None:
-    """The cycle of so many impacts near the end of a run, or of fewer if that repeats itself.
+def _newton_step(simulator: Simulator, rows: Sequence[State], miss: Array) -> list[float] | None:
+    """Solve (M - I) step = -miss, with M the product of all derivatives."""
+    derivatives = _derivatives(simulator, rows)
+    product = unit = np.eye(len(miss))
+    if not np.all(np.isfinite(derivatives)):
+        return None
+    for derivative in derivatives:
+        product = derivative @ product
+    try:
+        step = np.linalg.solve(product - unit, -miss)
+    except np.linalg.LinAlgError:
+        return None
+    return step.tolist() if np.all(np.isfinite(step)) else None
 
-    `repetitions` says how many times a cycle runs through a shorter one, for a forcing period.
-    """
+
+def _shortest_closed(simulator: Simulator, run: Run, impacts: int) -> Cycle | None:
+    """The cycle of so many impacts near the end of a run, or of fewer if that repeats itself."""
     k = len(run) - impacts + int(np.argmax(np.abs(run.velocities[-impacts:])))
-    base = State(int(run.walls[k]), float(run.phases[k]), float(run.velocities[k]))
-    if simulator.several:
-        base = replace(base, others=tuple(run.others[k].tolist()))
+    others = tuple(run.others[k].tolist()) if run.others.size else ()
+    base = State(int(run.walls[k]), float(run.phases[k]), float(run.velocities[k]), others=others)
     turned = run.times[-1] - run.times[-1 - impacts]
-    cycle = solve_cycle(simulator, around, base, impacts, round(float(turned) / run.period))
+    cycle = solve_cycle(simulator, base, impacts, round(float(turned) / run.period))
     if cycle is None:
         return None
-    parts = repetitions(cycle, simulator.period)
+    parts = _repetitions(cycle, simulator.period)
     if parts == 1:
         return cycle
     state = cycle.state(simulator.period)
-    return solve_cycle(simulator, around, state, impacts // parts, cycle.period // parts)
+    return solve_cycle(simulator, state, impacts // parts, cycle.period // parts)
 
 
-# Cycles of motions with one coordinate.
-
-
-def cycle_of_one(simulator: Simulator, run: Run, longest: int) -> tuple[Cycle, float] | None:
+def cycle_near(simulator: Simulator, run: Run, longest: int) -> tuple[Cycle, float] | None:
     """Return the stable cycle near the end of a run, and the distance to it."""
-    if run.released.any():
-        return sticking_cycle_of_one(run)
-    last = len(run) - 1
-    first = max(0, last - longest)
-    scale = float(np.max(np.abs(run.velocities))) or 1.0
-    early = np.arange(first, last)
-    apart = _phase_distance(run.phases[early] - run.phases[last], run.period) / run.period
-    apart = np.maximum(apart, np.abs(run.velocities[early] - run.velocities[last]) / scale)
+    if _rests(run):
+        return sticking_cycle(simulator, run)
+    table, last = _table(run), len(run) - 1
+    early = np.arange(max(0, last - longest), last)
+    apart = _states_apart(table[early] - table[last], _sizes(run))
     apart[run.walls[early] != run.walls[last]] = np.inf
     near = early[apart < NEAR][::-1]
     repeating = [back for back in near if repeats(run.walls, int(last - back))]
     for back in (repeating or near)[:3]:
-        cycle = shortest_closed(simulator, AROUND_ONE, run, int(last - back), _repetitions)
+        cycle = _shortest_closed(simulator, run, int(last - back))
         if cycle is not None and abs(cycle.multipliers[0]) < 1.0:
-            return cycle, _distance(run, cycle, scale)
+            return cycle, _distance(run, cycle)
     return None
+
+
+def _rests(run: Run) -> bool:
+    return bool((run.held if run.held.size else run.released).any())
 
 
 def repeats(walls: Array, length: int) -> bool:
@@ -426,146 +425,10 @@ def repeats(walls: Array, length: int) -> bool:
     return 2 * length <= len(walls) and np.array_equal(later[length:], later[:-length])
 
 
-def _phase_distance(difference: Any, period: float) -> Any:
-    """Distance between two phases on the circle."""
-    return np.abs(difference - period * np.round(difference / period))
-
-
-def _distance(run: Run, cycle: Cycle, scale: float) -> float:
-    """Distance from the run's last impact to a cycle."""
-    last = len(run) - 1
-    times = _phase_distance(cycle.times - run.phases[last], run.period) / run.period
-    apart = np.maximum(times, np.abs(cycle.velocities - run.velocities[last]) / scale)
-    return float(np.min(apart[cycle.walls == run.walls[last]], initial=math.inf))
-
-
-def sticking_cycle_of_one(run: Run) -> tuple[Cycle, float] | None:
-    """Return the cycle of a motion that sticks: released twice at one phase, it repeats itself."""
-    releases = np.nonzero(run.released)[0]
-    last = releases[-1]
-    for first in releases[:-1][::-1]:
-        same = run.walls[first] == run.walls[last] and run.phases[first] == run.phases[last]
-        if same:
-            rows = slice(first, last)
-            times = (run.turns[rows] - run.turns[first]) * run.period + run.phases[rows]
-            columns = (run.walls[rows], times, run.velocities[rows], run.released[rows])
-            return Cycle(*columns, int(run.turns[last] - run.turns[first]), (0.0, 0.0), 0.0), 0.0
-    return None
-
-
-def _repetitions(cycle: Cycle, period: float) -> int:
-    """How many times a cycle runs through a shorter one."""
-    n, span = len(cycle.walls), cycle.period * period
-    for parts in range(cycle.period, 1, -1):
-        if n % parts or cycle.period % parts:
-            continue
-        shift = n // parts
-        late = _phase_distance(np.roll(cycle.times, -shift) - cycle.times - span / parts, span)
-        faster = np.abs(np.roll(cycle.velocities, -shift) - cycle.velocities)
-        same_walls = np.array_equal(np.roll(cycle.walls, -shift), cycle.walls)
-        if same_walls and max(np.max(late), np.max(faster)) < 1e-7:
-            return parts
-    return 1
-
-
-def _size(simulator: Simulator, state: State, miss: Sequence[float]) -> float:
-    return max(abs(miss[0]) / simulator.period, abs(miss[1]))
-
-
-def _step(
-    simulator: Simulator, state: State, run: Run, miss: Sequence[float]
-) -> Sequence[float] | None:
-    """Solve (M - I) step = -miss."""
-    m, _ = _product(simulator, state, run)
-    a, b, c, d = m[0] - 1.0, m[1], m[2], m[3] - 1.0
-    late, faster = miss
-    det = a * d - b * c
-    if det == 0.0:
-        return None
-    step = (b * faster - d * late) / det, (c * late - a * faster) / det
-    return step if math.isfinite(step[0] + step[1]) else None
-
-
-def _move_state(simulator: Simulator, state: State, step: Sequence[float]) -> State:
-    phase = (state.phase + step[0]) % simulator.period
-    return State(state.wall, phase, state.velocity + step[1])
-
-
-def _cycle(simulator: Simulator, state: State, run: Run, period: int, closing: float) -> Cycle:
-    mus = _eigenvalues(*_product(simulator, state, run))
-    return Cycle(*_impacts(state, run), period, mus, closing)
-
-
-def _product(
-    simulator: Simulator, state: State, run: Run
-) -> tuple[tuple[float, float, float, float], float]:
-    """The derivative of the map over a run, and its determinant."""
-    a, b, c, d = 1.0, 0.0, 0.0, 1.0
-    det, before = 1.0, state
-    columns = (run.walls, run.phases, run.velocities, run.turns)
-    for row in zip(*(column.tolist() for column in columns), strict=True):
-        after = State(*row)
-        tt, tv, vt, vv = simulator.derivative(before, after)
-        a, b, c, d = tt * a + tv * c, tt * b + tv * d, vt * a + vv * c, vt * b + vv * d
-        det *= tt * vv - tv * vt
-        before = after
-    return (a, b, c, d), det
-
-
-def _eigenvalues(m: Sequence[float], det: float) -> tuple[complex, complex]:
-    """The larger one first; the smaller one from the determinant."""
-    a, b, c, d = roots(1.0, -(m[0] + m[3]), det, det)
-    return complex(a, b), complex(c, d)
-
-
-def _impacts(state: State, closed: Run) -> tuple[Array, Array, Array, Array]:
-    """The impacts of a closed run, beginning with its start, as the columns of a cycle."""
-    times = closed.turns * closed.period + closed.phases
-    return (
-        np.concatenate([[state.wall], closed.walls[:-1]]),
-        np.concatenate([[state.phase], times[:-1]]),
-        np.concatenate([[state.velocity], closed.velocities[:-1]]),
-        np.zeros(len(closed), dtype=bool),
-    )
-
-
-AROUND_ONE = Map(_size, _step, _move_state, _cycle)
-
-
-# Cycles of motions with several coordinates: Newton's iteration on the simulated map.
-#
-# As those of one coordinate, with all section coordinates. Motion that rests on a wall for a part
-# of its period keeps its other coordinates, so that it need not repeat itself at once: it has a
-# cycle when its sojourns agree.
-
-NOTHING = 1e-14
-"""Multipliers below this are zero where a wall is held: what it held is forgotten."""
-
-
-def cycle_of_several(simulator: Simulator, run: Run, longest: int) -> tuple[Cycle, float] | None:
-    """Return the stable cycle near the end of a run, and the distance to it."""
-    if run.held.any():
-        return sticking_cycle_of_several(simulator, run)
-    table, last = _table(run), len(run) - 1
-    early = np.arange(max(0, last - longest), last)
-    apart = _states_apart(table[early] - table[last], _sizes(run))
-    apart[run.walls[early] != run.walls[last]] = np.inf
-    near = early[apart < NEAR][::-1]
-    repeating = [back for back in near if repeats(run.walls, int(last - back))]
-    for back in (repeating or near)[:3]:
-        cycle = shortest_closed(
-            simulator, AROUND_SEVERAL, run, int(last - back), _repetitions_of_states
-        )
-        if cycle is not None and abs(cycle.multipliers[0]) < 1.0:
-            return cycle, _distance_of_states(run, cycle)
-    return None
-
-
-def sticking_cycle_of_several(simulator: Simulator, run: Run) -> tuple[Cycle, float] | None:
-    """Return the cycle of a motion that ends sojourns on a wall in the same state, if it does.
-
-    With it comes the distance from it.
-    """
+def sticking_cycle(simulator: Simulator, run: Run) -> tuple[Cycle, float] | None:
+    """Return the cycle of a motion that rests on walls, if it has one, and the distance from it."""
+    if not run.held.size:
+        return _cycle_of_releases(run)
     sojourns = np.nonzero(run.held)[0]
     if not len(sojourns):
         return None
@@ -582,20 +445,36 @@ def sticking_cycle_of_several(simulator: Simulator, run: Run) -> tuple[Cycle, fl
             period = rows[-1].turns - rows[0].turns
             if abs(rows[-1].phase - rows[0].phase) > 0.5 * run.period:
                 period += 1 if rows[-1].phase > rows[0].phase else -1
-            return _cycle_of_states(simulator, rows[:-1], period, mus, miss), miss / (
-                1.0 - abs(mus[0])
-            )
+            return _cycle_of_states(run, rows[:-1], period, mus, miss), miss / (1.0 - abs(mus[0]))
     return None
+
+
+def _cycle_of_releases(run: Run) -> tuple[Cycle, float] | None:
+    """The cycle of one coordinate that sticks: released twice at one phase, it repeats itself."""
+    releases = np.nonzero(run.released)[0]
+    for first in releases[:-1][::-1]:
+        last = releases[-1]
+        if run.walls[first] == run.walls[last] and run.phases[first] == run.phases[last]:
+            rows = slice(first, last)
+            times = (run.turns[rows] - run.turns[first]) * run.period + run.phases[rows]
+            columns = (run.walls[rows], times, run.velocities[rows], run.released[rows])
+            return Cycle(*columns, int(run.turns[last] - run.turns[first]), (0.0, 0.0), 0.0), 0.0
+    return None
+
+
+def _columns(times: Array, rows: Run | Cycle) -> Array:
+    """Times or phases, and section coordinates."""
+    return np.column_stack([times, rows.velocities, *rows.others.T])
 
 
 def _table(run: Run) -> Array:
     """Phases and section coordinates."""
-    return np.column_stack([run.phases, run.velocities, run.others])
+    return _columns(run.phases, run)
 
 
 def _sizes(run: Run) -> Array:
     """Of phases and section coordinates: the period, and the largest there are."""
-    found = np.max(np.abs(np.column_stack([run.velocities, run.others])), axis=0)
+    found = np.max(np.abs(_table(run)[:, 1:]), axis=0)
     return np.concatenate([[run.period], np.where(found > 0.0, found, 1.0)])
 
 
@@ -606,16 +485,15 @@ def _states_apart(difference: Array, sizes: Array) -> Array:
     return np.asarray(np.max(np.abs(found), axis=1))
 
 
-def _distance_of_states(run: Run, cycle: Cycle) -> float:
+def _distance(run: Run, cycle: Cycle) -> float:
     """Distance from the run's last impact to a cycle."""
-    table = np.column_stack([cycle.times, cycle.velocities, cycle.others])
-    apart = _states_apart(table - _table(run)[-1], _sizes(run))
+    apart = _states_apart(_columns(cycle.times, cycle) - _table(run)[-1], _sizes(run))
     return float(np.min(apart[cycle.walls == run.walls[-1]], initial=math.inf))
 
 
-def _repetitions_of_states(cycle: Cycle, period: float) -> int:
+def _repetitions(cycle: Cycle, period: float) -> int:
     """How many times a cycle runs through a shorter one."""
-    n, table = len(cycle.walls), np.column_stack([cycle.times, cycle.velocities, cycle.others])
+    n, table = len(cycle.walls), _columns(cycle.times, cycle)
     sizes = np.concatenate([[period], np.maximum(np.max(np.abs(table[:, 1:]), axis=0), 1e-300)])
     for parts in range(cycle.period, 1, -1):
         if n % parts or cycle.period % parts:
@@ -628,42 +506,6 @@ def _repetitions_of_states(cycle: Cycle, period: float) -> int:
         ):
             return parts
     return 1
-
-
-def _size_of_states(simulator: Simulator, state: State, miss: Sequence[float]) -> float:
-    sizes = [simulator.period, *np.maximum(1.0, np.abs(state.section))]
-    return float(np.max(np.abs(miss) / np.array(sizes)))
-
-
-def _step_of_states(
-    simulator: Simulator, state: State, run: Run, miss: Sequence[float]
-) -> Sequence[float] | None:
-    """Solve (M - I) step = -miss, with M the product of all derivatives."""
-    derivatives = _derivatives(simulator, [state, *run.states()])
-    product = unit = np.eye(len(miss))
-    if not np.all(np.isfinite(derivatives)):
-        return None
-    for derivative in derivatives:
-        product = derivative @ product
-    try:
-        step = np.linalg.solve(product - unit, -np.array(miss))
-    except np.linalg.LinAlgError:
-        return None
-    return step.tolist() if np.all(np.isfinite(step)) else None
-
-
-def _move_section(simulator: Simulator, state: State, step: Sequence[float]) -> State:
-    phase, section = state.phase + step[0], np.add(state.section, step[1:]).tolist()
-    state = replace(state, phase=phase, velocity=section[0], others=tuple(section[1:]))
-    return replace(state.within(simulator.period), turns=0)
-
-
-def _cycle_of_run(
-    simulator: Simulator, state: State, run: Run, period: int, closing: float
-) -> Cycle:
-    rows = [state, *run.states()]
-    mus = _multipliers(simulator, rows)
-    return _cycle_of_states(simulator, rows[:-1], period, mus, closing)
 
 
 def _derivatives(simulator: Simulator, rows: Sequence[State]) -> Array:
@@ -682,20 +524,20 @@ def _multipliers(simulator: Simulator, rows: Sequence[State]) -> tuple[complex, 
 
 
 def _cycle_of_states(
-    simulator: Simulator, rows: Sequence[State], period: int, mus: tuple[complex, ...], miss: float
+    run: Run, rows: Sequence[State], period: int, mus: tuple[complex, ...], miss: float
 ) -> Cycle:
     begun = rows[0].turns
+    more = {}
+    if run.held.size:
+        more["others"] = np.array([row.others for row in rows]).reshape(len(rows), -1)
+        more["held"] = np.array([row.held for row in rows], dtype=np.int64)
     return Cycle(
         np.array([row.wall for row in rows], dtype=np.int8),
-        np.array([(row.turns - begun) * simulator.period + row.phase for row in rows]),
+        np.array([(row.turns - begun) * run.period + row.phase for row in rows]),
         np.array([row.velocity for row in rows]),
         np.array([row.released for row in rows]),
         period,
         mus,
         miss,
-        np.array([row.others for row in rows]).reshape(len(rows), -1),
-        np.array([row.held for row in rows], dtype=np.int64),
+        **more,
     )
-
-
-AROUND_SEVERAL = Map(_size_of_states, _step_of_states, _move_section, _cycle_of_run)

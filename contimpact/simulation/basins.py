@@ -214,7 +214,8 @@ def attractor_numbers(
     numbers = np.full(len(states), -1)
     left, known = np.arange(len(states)), len(found)
     for _ in range(max(settling.transient // 10, 1)):
-        before = {k: batch.state(k) for k in left.tolist()} if _sticks(simulator, found) else {}
+        kept = left.tolist() if any(map(_is_known_by_releases, found)) else ()
+        before = {k: batch.state(k) for k in kept}
         outcomes = batch.run(left, 10)
         left = left[[outcome is Outcome.DONE for outcome in outcomes]]
         for number, attractor in enumerate(found):
@@ -253,9 +254,9 @@ def _settled_number(
     return len(found) - 1
 
 
-def _sticks(simulator: Simulator, found: Sequence[Attractor]) -> bool:
-    """Whether an attractor is known by its releases: a sticking one of one coordinate."""
-    return not simulator.several and any(one.kind is Kind.STICKING for one in found)
+def _is_known_by_releases(attractor: Attractor) -> bool:
+    """Whether it is a sticking one of one coordinate."""
+    return attractor.kind is Kind.STICKING and not attractor.held.size
 
 
 def _reached(
@@ -266,7 +267,7 @@ def _reached(
     `before` has the states from which runs of ten periods led to sticking motion.
     """
     none = np.zeros(len(chosen), dtype=bool)
-    if attractor.kind is Kind.STICKING and not attractor.held.size:
+    if _is_known_by_releases(attractor):
         runs = [batch.simulator.run(before[k], periods=10) for k in chosen.tolist()]
         return np.array([_is_released_as(attractor, run) for run in runs], dtype=bool)
     several = bool(attractor.held.size)

@@ -242,7 +242,7 @@ def exponents_of(
     """As `exponents`, for a run from `state` that was made already."""
     periods = (_time(simulator, run.end) - _time(simulator, state)) / simulator.period
     count = len(run)
-    if simulator.several and count:
+    if run.held.size:
         return _exponents_by_qr(simulator, state, run, batches, rng, periods)
     if not count or run.released.any() or state.velocity == 0.0:
         lost = -math.inf if count else math.nan

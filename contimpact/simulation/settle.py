@@ -28,11 +28,9 @@ from .attractor import (
     Attractor,
     Cycle,
     Kind,
-    cycle_of_one,
-    cycle_of_several,
+    cycle_near,
     repeats,
-    sticking_cycle_of_one,
-    sticking_cycle_of_several,
+    sticking_cycle,
 )
 from .lyapunov import Contraction, contraction, derivative_product, exponents_of
 from .run import Outcome, Run, State
@@ -261,7 +259,7 @@ def _sticking_notation(simulator: Simulator, cycle: Cycle) -> str:
 def _smallest_gap(simulator: Simulator, word: str, cycle: Cycle) -> float:
     impacts = np.column_stack([cycle.times, cycle.velocities])
     touches: Callable[..., list[FlightGaps]] = flight_gaps
-    if simulator.several:
+    if cycle.held.size:
         impacts, touches = np.column_stack([impacts, cycle.others]), interior_touches
     span = cycle.period * simulator.period
     flights = touches(simulator.kernels, word, simulator.values, impacts, span)
@@ -339,7 +337,7 @@ def _settled(simulator: Simulator, state: State, settling: Settling) -> Attracto
         run = simulator.run(run.end, impacts=window)
         made += len(run)
         window = min(2 * window, 2 * settling.longest)
-        found = _cycle_near(simulator, run, settling.longest)
+        found = cycle_near(simulator, run, settling.longest)
         if found is not None:
             cycle, distance = found
             close = distance < settling.tolerance
@@ -349,16 +347,9 @@ def _settled(simulator: Simulator, state: State, settling: Settling) -> Attracto
     return _attractor_of_end(simulator, run)
 
 
-def _cycle_near(simulator: Simulator, run: Run, longest: int) -> tuple[Cycle, float] | None:
-    """The stable cycle near the end of a run, and the distance to it."""
-    return (cycle_of_several if simulator.several else cycle_of_one)(simulator, run, longest)
-
-
 def _sticking(simulator: Simulator, run: Run, settling: Settling) -> tuple[Cycle, float] | None:
     """The cycle of a motion that sticks and has reached it."""
-    if not simulator.several:
-        return sticking_cycle_of_one(run) if run.released.any() else None
-    found = sticking_cycle_of_several(simulator, run)
+    found = sticking_cycle(simulator, run)
     return found if found and found[1] < settling.tolerance else None
 
 

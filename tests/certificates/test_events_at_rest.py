@@ -111,3 +111,12 @@ def test_where_sliding_begins_on_a_limit_no_branch_is_complete():
     ):
         assert where in piece.what
         assert min(piece.start, piece.end) < event.value < max(piece.start, piece.end)
+
+
+def test_an_impact_at_rest_is_a_touch_of_the_orbit_run_once():
+    """BBTBT of Fig. 7 grazes where BT does, which it is run twice; the period is a constant."""
+    (entry,) = (e for e in load_entries(ROOT / "branches" / "fig7") if e.id == "e18")
+    assert (entry.word, entry.kind) == ("BBTBT", "G")
+    found = certify_entry(entry)
+    assert found.certified, found
+    assert found.certified_radius < 1e-30

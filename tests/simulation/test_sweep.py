@@ -10,7 +10,7 @@ import pytest
 
 from contimpact.orbits.search import find_orbits
 from contimpact.results.simulate_tables import SETTLING, Settling
-from contimpact.simulation.attractor import AROUND_ONE, Attractor, Kind, solve_cycle
+from contimpact.simulation.attractor import Attractor, Kind, solve_cycle
 from contimpact.simulation.basins import basins
 from contimpact.simulation.run import State
 from contimpact.simulation.settle import settle
@@ -145,7 +145,7 @@ def test_multipliers_of_the_simulated_map_are_those_of_the_orbit(pair, kernels_o
         if o.stable and o.physical
     )
     state = simulator.state("B", orbit.times[0], orbit.velocities[0])
-    cycle = solve_cycle(simulator, AROUND_ONE, state, len(orbit.word), orbit.word.period)
+    cycle = solve_cycle(simulator, state, len(orbit.word), orbit.word.period)
     # measured: 2e-15; the smaller multiplier from the determinant
     assert np.allclose(cycle.multipliers, orbit.multipliers, rtol=1e-11, atol=0)
     gap = settle(simulator, state, QUICK).smallest_gap
