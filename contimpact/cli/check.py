@@ -7,7 +7,6 @@ import textwrap
 from collections.abc import Sequence
 
 from ..diagrams.starting_orbits import (
-    SURVEYED,
     add_settled,
     error_at_key,
     not_found,
@@ -96,11 +95,14 @@ def _orbits(scene: Scene, kernels: Kernels, tell: Progress) -> list[str]:
         if not found:
             missing.append(not_found(scene, kernels, word, tell))
             shown += missing[-1].but
-            shown += f"; {missing[-1].nearby or f'none at {SURVEYED} other values'}"
+            shown += f"; {missing[-1].nearby or missing[-1].nowhere}"
         lines.append(f"{name_orbit(word.notation(letters), str(word), 'word ')}: {shown}")
     surveyed = scene.survey and any(each.elsewhere for each in missing)
     if len(missing) == len(scene.orbits) and not surveyed:
         raise refusal(missing, settled)
+    if settled is not None:
+        place = f"{scene.parameter} = {scene.start:.9g}"
+        lines += settled.remarks(place, any(not word.walls for word in scene.orbits))
     return lines
 
 

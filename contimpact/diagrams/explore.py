@@ -270,17 +270,14 @@ class _Explorer:
     # Orbits found by simulation and by search.
 
     def note_settled(self) -> None:
-        """Note on which orbits simulations settle that lie on no branch, and what runs away."""
+        """Note on which orbits simulations settle that lie on no branch, and what else they do."""
         if self.settled is None:
             return
         from .settled import word_of
 
         place = f"{self.scene.parameter} = {self.scene.start:.9g}"
-        if self.settled.runaways:
-            self.notes.append(
-                f"{self.settled.runaways} of {self.settled.motions} motions simulated at {place} "
-                "run away, a million times faster than their start and their forcing"
-            )
+        quiet = any(not run.problem.word.walls for run in self.runs)
+        self.notes += self.settled.remarks(place, quiet)
         for orbit in self.settled.orbits:
             if self.known(orbit.problem, orbit.unknowns) is None:
                 self.notes.append(

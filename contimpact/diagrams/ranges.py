@@ -218,7 +218,7 @@ def attractor_ranges(
     parameter = parameters.pop()
     reading = diagram.reading
     motions = [_of_branch(diagram, interval) for interval in reading.stable]
-    notes = [reading.incomplete] if diagram.branches and reading.incomplete else []
+    notes = [reading.incomplete] if diagram.branches else []
     notes += [
         f"not known whether {i.notation} on {i.branch} is stable from {i.low:.9g} to {i.high:.9g}"
         for i in reading.unknown

@@ -7,6 +7,8 @@ equations of the search. It counts if it is stable and physical.
 
 from __future__ import annotations
 
+import enum
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
@@ -18,6 +20,7 @@ from ..models.word import Word
 from ..orbits.orbit import Orbit
 from ..orbits.quiet import problem_of
 from ..orbits.search import SAME_ORBIT, reduce_period, rotate_to_word, solve_near
+from ..segments.integration import limited_steps
 from ..segments.kernels import Kernels
 from ..simulation.run import Outcome, Run, State
 from ..simulation.simulator import Simulator
@@ -33,6 +36,9 @@ IMPACTS = (64, 96, 192)
 """Impacts that a motion has to settle in before each look at it; the last look is the first for
 integrated flights, and the second for several coordinates."""
 
+DEAR_STEPS = 20_000
+"""Steps of integration that all motions may take; one that takes more is the last, and is left."""
+
 LONGEST = 32
 """Impacts of an orbit at most."""
 
@@ -46,6 +52,16 @@ REACHED = 0.1
 """How far from the simulated impacts the orbit may be, likewise."""
 
 
+class _End(enum.Enum):
+    """How a motion ends."""
+
+    SETTLED = enum.auto()
+    RUNAWAY = enum.auto()
+    FLOWN = enum.auto()
+    GONE = enum.auto()
+    UNSETTLED = enum.auto()
+
+
 class Settled(NamedTuple):
     """What motions from random states settle on."""
 
@@ -55,6 +71,45 @@ class Settled(NamedTuple):
     """How many were simulated."""
     runaways: int
     """How many of them run away: `Outcome.RUNAWAY`."""
+    flown: int
+    """How many fly on without impacts as orbits of the word `0` do."""
+    gone: int
+    """How many fly on without impacts in another mode than the first, or with a free period."""
+    unsettled: int
+    """How many settle on no orbit of at most `LONGEST` impacts within `IMPACTS`, or stick."""
+    cut: bool
+    """Whether they ended before what `MOTIONS` and `QUIET` say, by `DEAR_STEPS`."""
+
+    def words(self) -> list[str]:
+        """Return the words of the orbits, and 0 if motions fly on without impacts."""
+        return [*(str(word_of(orbit)) for orbit in self.orbits), *(["0"] if self.flown else [])]
+
+    def remarks(self, place: str, quiet: bool) -> list[str]:
+        """Return what else the motions do that were simulated at a place, in sentences.
+
+        Those without impacts are left out if orbits without impacts are followed (`quiet`).
+        """
+        counts = (
+            (self.runaways, "run away, a million times faster than their start and their forcing"),
+            (not quiet and self.flown, "fly on without impacts: add 0 to follow.orbits"),
+            (self.gone, "fly on without impacts, which no word describes"),
+            (
+                self.unsettled,
+                f"had not settled on an orbit of at most {LONGEST} impacts: they stick, are "
+                "complex or take longer; contimpact simulate shows it",
+            ),
+        )
+        said = [
+            f"{count} of {self.motions} motions simulated at {place} {what}"
+            for count, what in counts
+            if count
+        ]
+        if self.cut:
+            said.append(
+                f"the simulation at {place} ended after {DEAR_STEPS} steps of integration and "
+                f"{self.motions} motions"
+            )
+        return said
 
 
 def settled_orbits(model: Model, kernels: Kernels, rng: np.random.Generator | int = 0) -> Settled:
@@ -72,15 +127,20 @@ def settled_orbits(model: Model, kernels: Kernels, rng: np.random.Generator | in
     motions, patience = (DEAR_MOTIONS, DEAR_QUIET) if dear else (MOTIONS, QUIET)
     looks = IMPACTS[: 1 if integrated else 2 if simulator.several else 3]
     found: list[Orbit] = []
-    quiet = made = runaways = 0
-    while made < motions and quiet < patience:
-        orbit, outcome = _settle_orbit(simulator, simulator.random_state(generator), looks)
-        made, runaways = made + 1, runaways + (outcome is Outcome.RUNAWAY)
-        new = orbit is not None and not any(_same_orbit(orbit, other) for other in found)
-        quiet = 0 if new else quiet + (outcome is not Outcome.NO_IMPACT)
-        if orbit is not None and new:
-            found.append(orbit)
-    return Settled(found, made, runaways)
+    ends: Counter[_End] = Counter()
+    quiet = made = 0
+    with limited_steps(DEAR_STEPS) as budget:
+        while made < motions and quiet < patience and budget.left > 0:
+            orbit, end = _settle_orbit(simulator, simulator.random_state(generator), looks)
+            made, ends[end] = made + 1, ends[end] + 1
+            new = orbit is not None and not any(_same_orbit(orbit, other) for other in found)
+            quiet = 0 if new else quiet + (end not in (_End.FLOWN, _End.GONE))
+            if orbit is not None and new:
+                found.append(orbit)
+    cut = budget.left <= 0
+    unsettled = max(ends[_End.UNSETTLED] - cut, 0)  # the last one was left
+    runaways, flown, gone = ends[_End.RUNAWAY], ends[_End.FLOWN], ends[_End.GONE]
+    return Settled(found, made, runaways, flown, gone, unsettled, cut)
 
 
 def unknowns_of_word(orbits: Iterable[Orbit], word: Word) -> list[Array]:
@@ -98,31 +158,34 @@ def word_of(orbit: Orbit) -> Word:
 
 def _settle_orbit(
     simulator: Simulator, state: State, looks: Sequence[int]
-) -> tuple[Orbit | None, Outcome]:
-    """The orbit on which one motion settles, and how its last run ended; no orbit if it does not in
-    time, or rests, or flies on."""
+) -> tuple[Orbit | None, _End]:
+    """The orbit on which one motion settles, and how it ends."""
     try:
         return _after(simulator, state, looks)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         # a flight has no value somewhere, or takes too many steps
-        return None, Outcome.DONE
+        return None, _End.UNSETTLED
 
 
-def _after(
-    simulator: Simulator, state: State, looks: Sequence[int]
-) -> tuple[Orbit | None, Outcome]:
+def _after(simulator: Simulator, state: State, looks: Sequence[int]) -> tuple[Orbit | None, _End]:
     """The same, where all flights stay finite."""
     for impacts in looks:
         run = simulator.run(state, impacts=impacts)
+        if run.outcome is Outcome.RUNAWAY:
+            return None, _End.RUNAWAY
+        if run.left is not None:
+            model = simulator.model
+            first = not model.MODES or model.WALLS[run.left.wall].next_mode == model.MODES[0].name
+            return None, _End.FLOWN if first and not model.autonomous else _End.GONE
         if run.end is None or run.outcome is not Outcome.DONE:
-            return None, run.outcome
-        if run.released.any() or run.held.any():
             break
+        state = run.end
+        if run.released.any() or run.held.any():
+            continue  # it sticks, at the beginning perhaps
         for orbit in _orbits_near(simulator, run):
             if orbit.physical and np.max(np.abs(orbit.multipliers)) < 1.0:
-                return orbit, run.outcome
-        state = run.end
-    return None, run.outcome
+                return orbit, _End.SETTLED
+    return None, _End.UNSETTLED
 
 
 def _orbits_near(simulator: Simulator, run: Run) -> Iterator[Orbit]:

@@ -6,6 +6,7 @@ and with how many starts.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -35,6 +36,10 @@ SURVEYED = 9
 GLANCE = 64
 """Random starts at such a value, unless a survey was asked for; where they find an orbit, it is
 searched as the start is."""
+
+
+STEPS_ELSEWHERE = 1_000_000
+"""Steps of integration that the search for a word there may take, if only to say where it is."""
 
 
 @dataclass(frozen=True)
@@ -104,8 +109,10 @@ class NotFound:
     @property
     def nowhere(self) -> str:
         """Where else nothing was found, in words."""
-        starts = f"{self.starts_elsewhere} random starts at each"
-        return f"nor at {self.tried} other values within the range ({starts})"
+        if not self.tried:
+            return "other values were left out, as flights take too many steps of integration"
+        values = "1 other value" if self.tried == 1 else f"{self.tried} other values"
+        return f"nor at {values} within the range ({self.starts_elsewhere} random starts at each)"
 
     def as_record(self) -> dict[str, Json]:
         """Return plain data, as the manifest has it."""
@@ -207,11 +214,20 @@ def survey_values(scene: Scene) -> list[float]:
 def not_found(
     scene: Scene, kernels: Kernels, word: Word, progress: Progress = ignore_progress
 ) -> NotFound:
-    """Return what is known of a word without an orbit at the start, looked for elsewhere."""
+    """Return what is known of a word without an orbit at the start, looked for elsewhere.
+
+    Without a survey fewer values are looked at where `STEPS_ELSEWHERE` are used up.
+    """
+    from ..segments.integration import limited_steps
+
     found = NotFound.of(scene, kernels, word)
-    for value in survey_values(scene):
-        progress(f"looking for {word} at {scene.parameter} = {value:.6g}")
-        found = found.also_at(value, len(search_elsewhere(scene, kernels, word, value).orbits))
+    with limited_steps(STEPS_ELSEWHERE) if not scene.survey else contextlib.nullcontext() as budget:
+        for value in survey_values(scene):
+            progress(f"looking for {word} at {scene.parameter} = {value:.6g}")
+            count = len(search_elsewhere(scene, kernels, word, value).orbits)
+            if budget is not None and budget.left <= 0 and not count:
+                break
+            found = found.also_at(value, count)
     return found
 
 
@@ -221,16 +237,16 @@ def refusal(missing: Sequence[NotFound], settled: Settled | None = None) -> Inpu
     first = next((each for each in missing if each.elsewhere), missing[0])
     others = [str(each.word) for each in missing if each is not first]
     found = str(first) + (f", nor of {', '.join(others)}" if others else "")
-    return InputError("follow.orbits", found, _remedy(first, settled))
+    words = settled.words() if settled else []
+    others = [word for word in words if word not in [str(each.word) for each in missing]]
+    return InputError("follow.orbits", found, _remedy(first, others))
 
 
-def _remedy(lacking: NotFound, settled: Settled | None) -> str:
-    """What to do about a word without an orbit at the start."""
-    if settled and settled.orbits:
-        from .settled import word_of
-
-        words = " or ".join(str(word_of(orbit)) for orbit in settled.orbits)
-        return f"ask for {words}, on which simulation settles there; {_remedy(lacking, None)}"
+def _remedy(lacking: NotFound, others: Sequence[str]) -> str:
+    """What to do about a word without an orbit at the start, where simulation settles on others."""
+    if others:
+        words = " or ".join(others)
+        return f"ask for {words}, on which simulation settles there; {_remedy(lacking, ())}"
     shorter = f"ask for {' or '.join(lacking.repeated)}, or " if lacking.repeated else ""
     if lacking.unphysical:
         shorter += f"follow unphysical ones ({lacking.unphysical}) by follow.unphysical = true, or "

@@ -146,7 +146,8 @@ SHOWN = 3
 """Windows of period adding in a sentence; the catalogue has more."""
 
 SURVEYS = {
-    "done": "",
+    "done": "surveyed for the words that were followed: orbits of others may exist on no followed "
+    "branch",
     "none": "not surveyed: orbits on no followed branch may exist; follow.survey = true in a scene "
     "looks for them",
     "orbits": "surveyed for the words of follow.orbits alone: orbits of others may exist on no "
@@ -181,7 +182,7 @@ class Reading:
 
     @property
     def incomplete(self) -> str:
-        """Why the list of stable ranges may be incomplete, in words; empty after a survey."""
+        """Why the list of stable ranges may be incomplete, in words."""
         return SURVEYS[self.survey]
 
     def as_record(self) -> dict[str, Any]:
@@ -206,7 +207,7 @@ class Reading:
             f"{b.low:.9g} to {b.high:.9g}"
             for b in self.bistable
         ]
-        lines += [self.incomplete] if self.incomplete else []
+        lines.append(self.incomplete)
         lines += [sentence(t) for t in self.transitions]
         lines += map(str, self.scenarios)
         lines += map(str, self.crises)

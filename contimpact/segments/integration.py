@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import importlib.util
 import math
 import sys
 import types
 from bisect import bisect_right
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextvars import ContextVar
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
@@ -43,6 +46,40 @@ MOST_STEPS = 200_000
 """Largest number of steps of a flight; c = 1e4 asks for some 1e4 over one period."""
 SOME_STEPS = 10_000
 """Largest number of steps of a flight among many, whatever the others ask for."""
+
+
+@dataclass
+class StepBudget:
+    """Steps of integration that flights may still take."""
+
+    left: int
+
+
+_budget: ContextVar[StepBudget | None] = ContextVar("budget", default=None)
+
+
+@contextlib.contextmanager
+def limited_steps(most: int) -> Iterator[StepBudget]:
+    """Let flights take so many steps of integration in all; later ones raise StepLimitError."""
+    budget = StepBudget(most)
+    token = _budget.set(budget)
+    try:
+        yield budget
+    finally:
+        _budget.reset(token)
+
+
+def _allowed(most: int) -> int:
+    """How many steps a flight may ask for, which may take so many by itself."""
+    budget = _budget.get()
+    return most if budget is None else min(most, max(budget.left, 0))
+
+
+def _charge(steps: int) -> None:
+    """Take steps from the budget."""
+    budget = _budget.get()
+    if budget is not None:
+        budget.left -= steps
 
 
 class StepLimitError(OverflowError):
@@ -286,11 +323,15 @@ class Integrator:
         self._begin(numbers[2 + d : 2 + 2 * d])
         times, found = [0.0], list[Array]()
         step, adaptive, terms = self._adaptive.step, self._adaptive, self._adaptive.tc
-        while times[-1] < 1.0:  # continuous output would be compiled anew each time
-            said, length = step(max_delta_t=1.0 - times[-1], write_tc=True)
-            self._check(said, self._stepped, len(found))
-            found.append(terms * (length**self._orders))
-            times.append(adaptive.time)
+        most = _allowed(MOST_STEPS)
+        try:
+            while times[-1] < 1.0:  # continuous output would be compiled anew each time
+                said, length = step(max_delta_t=1.0 - times[-1], write_tc=True)
+                self._check(said, self._stepped, len(found), most)
+                found.append(terms * (length**self._orders))
+                times.append(adaptive.time)
+        finally:
+            _charge(len(found) + 1)
         terms = np.array(found) / SCALE
         return np.array(times), terms[:, self._rows[:d, 0]], terms[:, self._rows[d : 2 * d, 0]]
 
@@ -306,9 +347,13 @@ class Integrator:
 
     def _propagate(self, longest: float = math.inf, most: int = MOST_STEPS) -> None:
         more = {"max_delta_t": longest} if longest < math.inf else {}
+        most = _allowed(most)
+        if not most:
+            raise StepLimitError("flights have taken all steps of integration that they may")
         said, _, _, self.steps, _, _ = self._adaptive.propagate_until(
             self._number(1.0), max_steps=most, **more
         )
+        _charge(self.steps)
         self._check(said, self._arrived, self.steps, most)
 
     def _check(self, said: Any, fine: Any, steps: int, most: int = MOST_STEPS) -> None:
@@ -425,7 +470,8 @@ class BatchIntegrator(Integrator):
             place = self._places.get((f"w{i}", f"v{i}", 0))
             if place is not None:
                 self._state[place] = SCALE
-        self._adaptive.propagate_until(1.0, max_steps=MOST_STEPS)
+        self._adaptive.propagate_until(1.0, max_steps=max(_allowed(MOST_STEPS), 1))
+        _charge(sum(said[3] for said in self._adaptive.propagate_res))
         if not all(said[0] in self._arrived for said in self._adaptive.propagate_res):
             return None
         return np.asarray(self._state[self._rows[:, 0]].T[: len(rows)] / SCALE)

@@ -138,6 +138,21 @@ def test_check_names_requested_values(run, scene):
     assert "d = 0.2\n" in out
 
 
+def test_check_says_what_was_simulated(run, tmp_path):
+    """An attractor of a soft stop that one random start of the search does not find."""
+    values = {"k": 1, "c": 0.05, "a": 1, "e": 0.5, "k_b": 25, "c_b": 0.1, "omega": 1.8}
+    text = 'name = "soft"\n[model]\nsystem = "soft-stop"\n[model.parameters]\n'
+    text += "".join(f"{name} = {value}\n" for name, value in values.items())
+    text += '[follow]\nparameter = "omega"\nrange = [1.79, 1.81]\norbits = ["CRCR/3T"]\n'
+    path = tmp_path / "scene.toml"
+    path.write_text(f"{text}[numerics]\nstarts = 1\nrounds = 1\n", encoding="utf-8")
+    status, out, _ = run("check", path)
+    assert status == 0
+    assert "add 0 to follow.orbits" in out
+    path.write_text(path.read_text().replace('"CRCR/3T"', '"CRCR/3T", "0"'), encoding="utf-8")
+    assert "simulated" not in run("check", path)[1]
+
+
 def test_check_writes_nothing(run, scene, tmp_path, monkeypatch):
     path = scene()
     monkeypatch.chdir(tmp_path)

@@ -226,6 +226,15 @@ def test_mistakes_in_stated_systems_are_placed(first, tmp_path):
     assert failures(range(first, first + PER_TEST), tmp_path) == []
 
 
+SLOW = (2009,)
+"""Cases that took too long: a stop so far away that each flight takes thousands of steps."""
+
+
+@pytest.mark.full
+def test_slow_cases_end_in_time(tmp_path):
+    assert failures(SLOW, tmp_path) == []
+
+
 @pytest.mark.slow
 def test_many_mistakes_in_stated_systems_are_placed(tmp_path):
     first = int(os.environ.get("CONTIMPACT_FUZZ_FIRST", ORDINARY))

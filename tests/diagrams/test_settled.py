@@ -6,6 +6,7 @@ import pytest
 import contimpact as ci
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.settled import (
+    _settle_orbit,
     settled_orbits,
     turn_to_word,
     unknowns_of_word,
@@ -71,7 +72,11 @@ def test_a_scene_follows_it():
     few = {"numerics": {"starts": 1, "rounds": 1}, "detect": {"events": ["FB"]}}
     diagram = follow(read_scene({**given, **few}))
     assert [b.word for b in diagram.branches if b["physical"].all()] == ["CRCR"]
-    assert diagram.statistics["notes"] == []
+    assert diagram.statistics["notes"] == [
+        "3 of 7 motions simulated at omega = 1.8 fly on without impacts: add 0 to follow.orbits"
+    ]
+    table["orbits"].append("0")
+    assert follow(read_scene({**given, **few})).statistics["notes"] == []
 
 
 def pair(s, orbits):
@@ -102,6 +107,30 @@ def test_one_that_was_not_asked_for_is_reported():
 def test_a_scene_without_orbits_is_told_on_what_simulation_settles():
     with pytest.raises(ci.InputError, match="ask for BT, on which simulation settles there"):
         follow(pair(0.45, ["2:1"]))
+
+
+def test_a_scene_without_orbits_is_told_that_motions_meet_no_stop():
+    """Without impacts the amplitude is 1 / (omega^2 - 1) = 0.1, far below the stop at 0.9."""
+    values = {"a": 1.0, "omega": 3.3, "c": 0.1, "k": 1.0, "sigma": 0.9, "r": 0.5}
+    table = {
+        "name": "below",
+        "model": {"system": "oscillator", "parameters": values},
+        "follow": {"parameter": "omega", "range": [3.2, 3.4], "orbits": ["S"]},
+        "numerics": {"starts": 4, "rounds": 1},
+    }
+    with pytest.raises(ci.InputError, match="ask for 0, on which simulation settles there"):
+        follow(read_scene(table))
+
+
+def test_a_motion_that_sticks_at_first_is_followed_on():
+    """It starts in impacts that accumulate on the lower wall, and settles on 2:1."""
+    model = ImpactPair(beta=np.pi / 6, r=0.3, A=5.0, s=0.34)
+    simulator = Simulator(model)
+    slow = simulator.state("B", time=1.6, velocity=1e-3)
+    assert simulator.run(slow, impacts=64).released.any()
+    orbit, _ = _settle_orbit(simulator, slow, (64, 96))
+    assert orbit is not None
+    assert str(word_of(orbit)) == "BBT"
 
 
 def test_motions_that_run_away_are_reported():

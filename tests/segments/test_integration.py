@@ -63,6 +63,24 @@ def test_a_flight_is_that_of_another_integrator():
     assert max(abs(exact[0] - (x - x0) / dt), abs(exact[3] - dv)) < 1e-20
 
 
+def test_flights_take_no_more_steps_than_they_may():
+    """A long flight takes many; those after it none, until the limit ends."""
+    long, short = [300.0, *AT[1:]], [0.1, *AT[1:]]
+    single = integrator(FIELD)
+    steps = len(single.dense(long)[0]) - 1
+    assert 50 < steps < 5000
+    for integrate in (single.dense, single):
+        with integration.limited_steps(steps // 2) as budget:
+            integrate(short)
+            assert budget.left >= steps // 2 - 3
+            with pytest.raises(integration.StepLimitError):
+                integrate(long)
+            assert budget.left <= 0
+            with pytest.raises(integration.StepLimitError):
+                integrate(short)
+        assert np.all(np.isfinite(np.hstack([np.ravel(part) for part in integrate(short)])))
+
+
 @pytest.mark.parametrize("dt", [0.0, 1e-9, 0.4, 17.0, -2.0])
 def test_flights_and_derivatives_in_floats_are_those_in_many_digits(dt):
     given = [dt, *AT[1:]]

@@ -125,7 +125,7 @@ function drawHeading() {
   element("name").textContent = page.name;
   element("fixed").textContent = valuesText(page.fixed);
   element("source").textContent = page.shown.source;
-  element("survey").hidden = !page.branches.length || !page.reading.incomplete;
+  element("survey").hidden = !page.branches.length;
   element("survey").textContent = `Stable runs: ${page.reading.incomplete}.`;
   element("made").textContent =
     `Made by contimpact ${page.version}. Drawn with D3 (ISC licence). This page loads nothing from anywhere; ` +
