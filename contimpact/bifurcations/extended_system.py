@@ -26,7 +26,7 @@ import functools
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import Protocol, TypeAlias
 
 import numpy as np
 
@@ -35,6 +35,15 @@ from ..continuation.branch import Block, Details, Event, Location, Point, TestFu
 from ..continuation.crossing_branches import Meeting
 from ..continuation.problem import Problem
 from ..orbits.problem import Linearisation, OrbitProblem, rounding
+from .scalar_systems import (
+    CONVERGED,
+    EPSILON,
+    FAR,
+    FIRST_ORDER,
+    NEWTON_ITERATIONS,
+    ScalarForm,
+    solver_of,
+)
 
 # Test functions of orbits: written once, for a single orbit and for all those of a batch.
 
@@ -167,17 +176,6 @@ def places_of(test: OrbitTest, here: Linearisation) -> list[Details]:
     return [test.details(point, place) for place in found.tolist()]
 
 
-EPSILON = float(np.finfo(float).eps)
-NEWTON_ITERATIONS = 12
-CONVERGED = 1e-10
-FAR = 2.0
-"""How far from its guess Newton's iteration may go, in waves of the forcing and largest velocities,
-and how much longer the period may get: an event is much nearer, and integrated flights cost the
-more the longer they are."""
-FIRST_ORDER = 2.0
-"""How much larger an error may be than what the linear equations say."""
-
-
 @dataclass(frozen=True)
 class SystemEvaluation:
     """An extended system at one point."""
@@ -192,17 +190,6 @@ class SystemEvaluation:
     def jacobian(self) -> Array:
         """Columns by the orbit's unknowns and parameters, then by the system's own unknowns."""
         return self.derivatives() if callable(self.derivatives) else self.derivatives
-
-
-class ScalarForm(NamedTuple):
-    """What tells a system from others of its variant; see `scalar_systems`."""
-
-    variant: str
-    """"singular" for F = 0 and C(mu) q = 0, "touching" for F = 0 and a flight to a touch."""
-    flight: int = 0
-    touch: int = 0
-    """`flight`, `touch`: of a touch, the flight and its kind."""
-    mu: float = 0.0
 
 
 class ExtendedSystem(ABC):
@@ -291,13 +278,13 @@ def solve(system: ExtendedSystem, here: Linearisation, far: float = FAR) -> Solu
 
     It fails where it leaves the surroundings of its guess, be it for another event further away.
     """
-    if system.form is not None:
-        from . import scalar_systems
-
-        solver = scalar_systems.solver_of(system)
-        found = scalar_systems.AWAY if solver is None else solver.solve(system, here, far)
-        if found != scalar_systems.AWAY:
-            return found if isinstance(found, Solution) else None
+    if (solver := solver_of(system.problem, system.form)) and system.form:
+        found = solver.solve(system.form, here, system.start(here), far)
+        if found is None:
+            return None
+        if found.known:
+            at = SystemEvaluation(found.residual, found.jacobian)
+            return Solution(system, found.here, found.own, at, found.error)
     problem, orbit = system.problem, len(here.unknowns)
     near = surroundings(here, far)
     x, best = np.concatenate([here.unknowns, system.start(here)]), None

@@ -22,23 +22,34 @@ from ..segments.bounded_code import add_pairs, multiply_pairs
 from ..segments.compiling import CompiledProgram, addresses, load, mode, timed_plainly
 from ..segments.kernels import Kernels
 from ..segments.layout import Blocks, Setup
-from .extended_system import (
-    CONVERGED,
-    EPSILON,
-    FAR,
-    FIRST_ORDER,
-    NEWTON_ITERATIONS,
-    ExtendedSystem,
-    ScalarForm,
-    Solution,
-    SystemEvaluation,
-)
 
 if TYPE_CHECKING:
     from ..segments.machine_code import Program
 
+EPSILON = float(np.finfo(float).eps)
+NEWTON_ITERATIONS = 12
+CONVERGED = 1e-10
+FAR = 2.0
+"""How far from its guess Newton's iteration may go, in waves of the forcing and largest velocities,
+and how much longer the period may get: an event is much nearer, and integrated flights cost the
+more the longer they are."""
+FIRST_ORDER = 2.0
+"""How much larger an error may be than what the linear equations say."""
+
 LONGEST = 8
 """Impacts of a word up to which elimination without regard to the matrix's structure pays."""
+
+
+class ScalarForm(NamedTuple):
+    """What tells a system from others of its variant; see `Solver`."""
+
+    variant: str
+    """"singular" for F = 0 and C(mu) q = 0, "touching" for F = 0 and a flight to a touch."""
+    flight: int = 0
+    touch: int = 0
+    """`flight`, `touch`: of a touch, the flight and its kind."""
+    mu: float = 0.0
+
 
 PERIODS, FIRST, SECOND, FLIGHT, TOUCH = range(5)
 """Places in `counts`: how many periods, the places of both free parameters among the values, and of
@@ -584,6 +595,18 @@ def vectors_of(
     )
 
 
+class Solved(NamedTuple):
+    """A solution, or that it is not known whether there is one near enough (`known`)."""
+
+    known: bool
+    here: Linearisation
+    own: Array
+    residual: Array
+    jacobian: Array
+    error: float | None
+    """A bound of the parameter's error, if there is one."""
+
+
 class Solver:
     """Solves the systems of a variant on the orbits of one problem.
 
@@ -592,7 +615,7 @@ class Solver:
     problem : OrbitProblem
         With one free parameter.
     variant : str
-        The equations; see `extended_system.ScalarForm`.
+        The equations; see `ScalarForm`.
     """
 
     def __init__(self, problem: OrbitProblem, variant: str) -> None:
@@ -671,15 +694,17 @@ class Solver:
         """What tells its program from others."""
         return self.problem.kernels.identity, self.variant, "events"
 
-    def solve(self, system: ExtendedSystem, here: Linearisation, far: float) -> Solution | int:
-        """Return the solution next to an orbit; `FAILED` or `AWAY` where there is none."""
-        problem, form = self.problem, system.form
-        assert form is not None
+    def solve(
+        self, form: ScalarForm, here: Linearisation, start: Array, far: float
+    ) -> Solved | None:
+        """Return the solution next to an orbit, where the system's own unknowns are like `start`;
+        None where there is none."""
+        problem = self.problem
         fast = self.compiled()
         vectors, search = self.arrays if fast else self.lists
         vectors.numbers[MU] = form.mu
         vectors.counts[FLIGHT], vectors.counts[TOUCH] = form.flight, form.touch
-        guess = [*here.unknowns.tolist(), *system.start(here).tolist(), 0.0]
+        guess = [*here.unknowns.tolist(), *start.tolist(), 0.0]
         search.z[:], search.begin[:] = guess, guess
         search.sizes[:] = problem.least_scale(here.unknowns).tolist()
         if fast:
@@ -688,7 +713,7 @@ class Solver:
             with timed_plainly(self.program):
                 status = solve_system(*self.functions, vectors, search, far)
         problem.kernel_evaluations += int(search.told[EVALUATED]) * self.flights
-        return status if status != SOLVED else self.solution(system, vectors, search)
+        return None if status == FAILED else self.solved(status == SOLVED, vectors, search)
 
     @property
     def flights(self) -> int:
@@ -696,15 +721,14 @@ class Solver:
         count = len(self.problem.word)
         return 2 * count if self.variant == "singular" else count + 1
 
-    def solution(self, system: ExtendedSystem, vectors: SystemVectors, search: Search) -> Solution:
-        """The solution in the vectors."""
+    def solved(self, known: bool, vectors: SystemVectors, search: Search) -> Solved:
+        """What is in the vectors."""
         problem, n = self.problem, self.problem.n
-        best = np.array(search.best)
-        blocks = flights_of(np.array(vectors.blocks))
-        here = Linearisation(problem, best[: n + 1], blocks)
-        at = SystemEvaluation(np.array(vectors.residual), np.array(vectors.jacobian)[:, :-1])
-        error = float(search.told[ERROR])
-        return Solution(system, here, best[n + 1 : -1], at, error if math.isfinite(error) else None)
+        best, error = np.array(search.best), float(search.told[ERROR])
+        here = Linearisation(problem, best[: n + 1], flights_of(np.array(vectors.blocks)))
+        residual, jacobian = np.array(vectors.residual), np.array(vectors.jacobian)[:, :-1]
+        own, error_known = best[n + 1 : -1], error if math.isfinite(error) else None
+        return Solved(known, here, own, residual, jacobian, error_known)
 
     def compiled(self) -> CompiledProgram | None:
         """Compiled code, where there is any and it pays."""
@@ -729,9 +753,8 @@ def is_scalar(problem: OrbitProblem) -> bool:
     return not kernels.loops
 
 
-def solver_of(system: ExtendedSystem) -> Solver | None:
+def solver_of(problem: OrbitProblem, form: ScalarForm | None) -> Solver | None:
     """Return what solves a system in one free parameter; None where that is no scalar code."""
-    problem, form = system.problem, system.form
     if form is None or problem.free != 1 or not is_scalar(problem):
         return None
     if form.variant not in problem.solvers:

@@ -42,12 +42,12 @@ from .extended_system import (
     ExtendedSystem,
     OrbitEvent,
     OrbitPoint,
-    ScalarForm,
     SystemEvaluation,
     located,
     solve,
 )
 from .kind import SUB, SUPER, Start, null_vector_start
+from .scalar_systems import ScalarForm
 
 # The equations of an orbit that touches a guard inside a flight, or where a flight begins.
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import ast
 import functools
 import math
+import operator
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
@@ -96,6 +97,14 @@ OPERATIONS: dict[type, Callable[..., Pair]] = {
     ast.Mult: multiply_pairs,
     ast.Div: divide_pairs,
     ast.Mod: remainder_of_pairs,
+}
+PYTHON: dict[type, Callable[..., Any]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Mod: operator.mod,
+    ast.Pow: operator.pow,
 }
 OWN = {"square": square_pair, "cube": cube_pair, "floor": floor_pair}
 
@@ -209,7 +218,11 @@ def _is_constant(node: ast.expr) -> bool:
 
 def _value_of(node: ast.expr) -> float:
     """The value of a constant."""
-    return float(eval(compile(ast.Expression(node), "<constant>", "eval")))
+    if isinstance(node, ast.BinOp):
+        return float(PYTHON[type(node.op)](_value_of(node.left), _value_of(node.right)))
+    if isinstance(node, ast.UnaryOp):
+        return -_value_of(node.operand)
+    return float(ast.literal_eval(node))
 
 
 def _pair(value: float) -> ast.expr:

@@ -10,7 +10,7 @@ import pytest
 
 from contimpact import ImpactPair
 from contimpact.bifurcations.extended_system import SingularCycle, solve
-from contimpact.bifurcations.scalar_systems import LONGEST, solver_of
+from contimpact.bifurcations.scalar_systems import LONGEST, ScalarForm, solver_of
 from contimpact.bifurcations.sliding import SlidingTouch
 from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem
@@ -76,8 +76,9 @@ def test_what_lies_far_away_is_not_found(monkeypatch):
 
 
 def test_long_words_are_left_to_dense_linear_algebra():
-    assert solver_of(SingularCycle(problem_of_word(LONGEST // 2), -1.0)) is not None
-    assert solver_of(SingularCycle(problem_of_word(LONGEST // 2 + 1), -1.0)) is None
+    form = ScalarForm("singular", mu=-1.0)
+    assert solver_of(problem_of_word(LONGEST // 2), form) is not None
+    assert solver_of(problem_of_word(LONGEST // 2 + 1), form) is None
 
 
 @needs_llvmlite
