@@ -328,6 +328,8 @@ def locate_tangencies(
         For a system with several coordinates or without forcing, orbits of different systems or
         values, or one that is not unstable in one direction, or not physical.
     """
+    if type(starts) is not int or starts < 1:
+        raise InputError("starts", f"found {starts!r}", "give a whole number > 0")
     arrives = arrives or leaves
     for name, orbit in (("leaves", leaves), ("arrives", arrives)):
         require_one_coordinate(orbit.model, orbit.problem.kernels, name)

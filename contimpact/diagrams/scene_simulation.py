@@ -164,6 +164,11 @@ class _Director:
         self.values = self.options.rising()
         self.kept.check(self.options.sweeps(), set(self.values if self.options.starts else ()))
         self.simulators = Simulators(scene.model, scene.parameter, kernels)
+        if self.options.fractions:
+            from ..simulation.fractions import require_starts
+
+            simulator = self.simulators.at(self.options.fractions[0])
+            require_starts(simulator, self.options.box, "simulate.fractions")
         sweep = Sweep(scene.model, scene.parameter, [])
         self.result = Simulation(scene, sweep, resumed=len(self.kept.rows))
 

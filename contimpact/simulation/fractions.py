@@ -18,7 +18,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..display import NotebookResult, Summary, frame
-from ..errors import InputError, explain_arguments
+from ..errors import InputError, explain_arguments, short_repr
 from ..models.model import Model
 from ..orbits.orbit import Orbit
 from ..orbits.search import solve_near
@@ -26,6 +26,7 @@ from ..progress import Asked, progress_lines
 from ..results.fractions import FRACTIONS, Share, shorten_names
 from ..results.simulate_tables import (
     MOST_FRACTION_STARTS,
+    MOST_ROUNDS,
     SETTLING,
     Settling,
     check_pairs,
@@ -91,6 +92,8 @@ def start_box(simulator: Simulator, box: Mapping[str, Any] | None = None) -> Sta
     InputError
         For another key, a pair that is none, or a position that has to be given.
     """
+    if box is not None and not isinstance(box, Mapping):
+        raise InputError("box", f"found {short_repr(box)}", "give time, position, velocity")
     given, count = dict(box or {}), simulator.model.DEGREES_OF_FREEDOM
     if others := sorted(given.keys() - {"time", "position", "velocity"}):
         raise InputError("box", f"the key {others[0]!r}", "give time, position, velocity")
@@ -301,12 +304,18 @@ def basin_fractions(
     InputError
         For values, starts or a box that cannot be.
     """
-    given = sorted({float(value) for value in values})
-    if not given or not 0 < starts <= MOST_FRACTION_STARTS:
-        found = "no values" if not given else f"{starts} starts"
-        raise InputError(
-            "basin_fractions", found, f"give values, and from 1 to {MOST_FRACTION_STARTS} starts"
-        )
+    try:
+        given = sorted({float(value) for value in values})
+    except (TypeError, ValueError):
+        accepted = "give values of the parameter, such as [0.3, 0.35]"
+        raise InputError("values", f"found {short_repr(values)}", accepted) from None
+    if not given:
+        raise InputError("values", "no values", "give at least one value of the parameter")
+    whole = (("starts", starts, 1, MOST_FRACTION_STARTS), ("refine", refine, 0, MOST_ROUNDS))
+    for name, number, least, most in whole:
+        if type(number) is not int or not least <= number <= most:
+            accepted = f"give a whole number from {least} to {most}"
+            raise InputError(name, f"found {short_repr(number)}", accepted)
     if not 0.0 < confidence < 1.0:
         raise InputError("confidence", f"found {confidence}", "give a number between 0 and 1")
     simulators = Simulators(model, parameter, Kernels(model, parameter))
@@ -343,6 +352,14 @@ def _count(
         known += [motion] * (motion.label not in labels)
         numbers += [[*labels, motion.label].index(motion.label)] * (starts - len(states))
     return known, np.bincount(numbers, minlength=len(known))
+
+
+def require_starts(simulator: Simulator, box: Mapping[str, Any] | None, where: str) -> None:
+    """Raise `InputError` where no motion can start in a box."""
+    try:
+        _start(start_box(simulator, box), simulator, np.random.default_rng(0))
+    except InputError as error:
+        raise error.within(where) from None
 
 
 def _start(area: StartBox, simulator: Simulator, generator: np.random.Generator) -> State | None:

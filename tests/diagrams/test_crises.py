@@ -342,5 +342,7 @@ def test_refusals():
             locate_crisis(orbit)
     with pytest.raises(InputError, match=r"arrives: .*one multiplier outside the unit circle"):
         locate_tangencies(unstable(0.35), stable)
+    with pytest.raises(InputError, match="starts: found 0"):
+        locate_tangencies(unstable(0.35), starts=0)
     with pytest.raises(InputError, match="arrives: 2:1 at other values"):
         locate_tangencies(unstable(0.35), unstable(0.351))

@@ -9,7 +9,7 @@ import re
 import numpy as np
 import pytest
 from scipy import stats
-from zoo import TWO_MASSES
+from zoo import ROOT, TWO_MASSES
 
 import contimpact as ci
 from contimpact.cli import main
@@ -131,6 +131,15 @@ def test_refusals():
         basin_fractions(one, "omega", [1.3], starts=2)
     with pytest.raises(InputError, match="no values"):
         basin_fractions(PAIR, "s", [])
+    for values, more, said in [
+        (0.36, {}, "values: found 0.36; give values of the parameter"),
+        (["a"], {}, "values: found"),
+        ([0.36], {"starts": "many"}, "starts: found 'many'; give a whole number from 1 to"),
+        ([0.36], {"refine": -1}, "refine: found -1; give a whole number from 0 to 10"),
+        ([0.36], {"starts": 3, "box": [1, 2]}, "box: found"),
+    ]:
+        with pytest.raises(InputError, match=re.escape(said)):
+            basin_fractions(PAIR, "s", values, **more)
 
 
 def test_several_bodies():
@@ -192,6 +201,17 @@ def test_a_scene_counts_fractions_and_draws_them(tmp_path, capsys):
     assert (tmp_path / "again.png").read_bytes()[16:24] == (
         tmp_path / "out/attractors.png"
     ).read_bytes()[16:24]  # its size
+
+
+def test_integrated_flights_are_refused_before_anything_is_simulated(tmp_path, capsys):
+    path = tmp_path / "scene.toml"
+    text = (ROOT / "branches/duffing/scene.toml").read_text("utf-8")
+    given = "\n[simulate]\nfractions = [1.0]\nbox = { position = [-0.1, 0.1] }\n"
+    path.write_text(text.partition("\n[simulate]")[0] + given, encoding="utf-8")
+    assert main(["simulate", str(path), "-o", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert "simulate.fractions.position: the flights of duffing are integrated" in said
+    assert "sweep" not in said
 
 
 def test_bands_are_drawn_below_the_diagram(found):
