@@ -347,6 +347,8 @@ class Parameter:
             return "a finite number"
         if math.isinf(self.upper):
             return f"a number {'>' if self.above_lower else '>='} {self.lower:.6g}"
+        if self.above_lower:
+            return f"a number above {self.lower:.6g}, at most {self.upper:.6g}"
         return f"a number from {self.lower:.6g} to {self.upper:.6g}"
 
     def check(self, value: Any, where: str) -> float:

@@ -14,7 +14,16 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
-from ..models.model import Formulas, Geometry, Model, Parameter, Symmetry, Wall, mean_depends
+from ..models.model import (
+    Formulas,
+    Geometry,
+    Guard,
+    Model,
+    Parameter,
+    Symmetry,
+    Wall,
+    mean_depends,
+)
 
 State = Sequence[Any]
 """Positions or velocities, one for each degree of freedom."""
@@ -44,7 +53,7 @@ class ImpactPair(Model):
     """
 
     SYSTEM = "impact-pair"
-    WALLS = (Wall("B", side=+1), Wall("T", side=-1))
+    WALLS: ClassVar[tuple[Guard, ...]] = (Wall("B", side=+1), Wall("T", side=-1))
     DERIVED = ("d", "gbar")
     DERIVED_UNITS: ClassVar = {"d": "dimensionless", "gbar": "dimensionless"}
     DERIVED_FROM: ClassVar = {"d": ("A", "s", "M", "omega"), "gbar": ("beta", "A", "M", "g")}
@@ -53,7 +62,7 @@ class ImpactPair(Model):
     OPTIONS: ClassVar = {"forcing": "cos(pi*t)"}
     EXPRESSIONS: ClassVar = {"forcing": ("t",)}
     PARAMETRIC = ("forcing",)
-    PARAMETERS = (
+    PARAMETERS: ClassVar[tuple[Parameter, ...]] = (
         Parameter("beta", "rad", "the inclination", lower=-math.pi / 2, upper=math.pi / 2),
         Parameter("r", "", "the restitution coefficient", lower=0, upper=1, split=("r_B", "r_T")),
         Parameter("A", "N", "the forcing amplitude", lower=0, above_lower=True),

@@ -105,11 +105,9 @@ class SoftPair(ImpactPair):
         """Refuse an undamped membrane on which the ball swings with a harmonic of the forcing."""
         value = self.values
         for letter in "BT":
-            r, k = (value.get(name, value.get(f"{name}_{letter}")) for name in "rk")
-            square = k * (1 / value["m"] + 1 / value["M"]) / value["omega"] ** 2
-            if r == 1 and math.isclose(
-                math.sqrt(square), max(round(math.sqrt(square)), 1), rel_tol=1e-15
-            ):
+            r, k = (value[n if n in value else f"{n}_{letter}"] for n in "rk")
+            ratio = math.sqrt(k * (1 / value["m"] + 1 / value["M"])) / value["omega"]
+            if r == 1 and math.isclose(ratio, max(round(ratio), 1), rel_tol=1e-15):
                 found = "undamped, a contact is at resonance: it has no periodic response"
                 raise InputError("omega", found, "give r below 1 or another frequency")
 

@@ -7,7 +7,9 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from zoo import ROOT
 
+import contimpact as ci
 from contimpact.accuracy.reference import Reference
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.errors import InputError
@@ -234,7 +236,7 @@ def test_symmetric_at_level():
     [
         ({"nu": 2.0, "membrane": "linear"}, "nu"),
         ({"membrane": "rubber"}, "membrane"),
-        ({"r": 0.0}, "restitution"),
+        ({"r": 0.0}, "a number above 0, at most 1"),
         ({"r": 1.0, "k": 1.0, "m": 1.0, "M": 1.0, "omega": math.sqrt(2.0)}, "resonance"),
     ],
 )
@@ -261,3 +263,21 @@ def test_table_a1():
     simulator = Simulator(model)
     run = simulator.run(simulator.state("B", 0.3, 1e4), impacts=1)
     assert -run.velocities[0] / 1e4 == pytest.approx(0.3, rel=1e-4)
+
+
+@pytest.mark.full
+def test_where_mechanism_1_begins():
+    """Both folds of the 3:1 born at the grazing meet in a cusp: above it a run in s finds two,
+    below it none, and the stable 3:1 takes over from the 2:1."""
+    diagram = ci.load_diagram(ROOT / "branches" / "soft_pair_5000")
+    (branch,) = [b for b in diagram.branches if b.word == "BbBbBbTt"]
+    fold = max((e for e in branch.events if e.kind == "FB"), key=lambda e: e.value)
+    curve = ci.follow_curve(fold, None, "k", (0.2, 0.4), (600.0, 5100.0))
+    (cusp,) = [p for p in curve.points if p.kind == "CP"]
+    stable = branch.orbit(int(np.flatnonzero(branch["n_unstable"] == 0)[-1]))
+    for k, folds in ((0.98 * cusp.parameters["k"], 0), (1.02 * cusp.parameters["k"], 2)):
+        softer = continue_orbit(stable, "k", (k, 5000.0), events=[]).orbit(0)
+        assert softer.model["k"] == k
+        found = continue_orbit(softer, "s", (0.24, 0.27), events=["FB", "PD", "V"])
+        assert [e.kind for e in found.events if not e.ghost].count("FB") == folds
+        assert folds or found.events[-1].stable
