@@ -25,8 +25,7 @@ import numpy as np
 from ..errors import InputError, explain_arguments
 from ..progress import Progress, ignore_progress
 from .executors import UNKNOWN, Workshop, processes, refuse_to_start_again
-from .outcome import Outcome, failure
-from .store import Store
+from .store import Outcome, Store
 from .study_file import StudyFile
 from .worker import Task, compute, versions
 
@@ -316,7 +315,7 @@ class _Computation:
 
 def lost_outcome(reason: str) -> Outcome:
     """Return the outcome of a scene that gave none."""
-    return Outcome("failed", None, versions(), {"failures": [failure("worker", reason)]})
+    return Outcome("failed", None, versions(), {"failures": [{"kind": "worker", "reason": reason}]})
 
 
 def duration(seconds: float) -> str:

@@ -10,15 +10,16 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import re
 import sqlite3
 import urllib.parse
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, NotWrittenError, explain_arguments, shorten
 from ..storage.files import hold_lock
-from .outcome import Outcome
 from .study_file import StudyFile
 
 # The schema of a store, as the steps by which it has grown.
@@ -245,6 +246,37 @@ OF_SCENES = (
 )
 """The tables with rows of a scene, besides that of the scenes."""
 TABLES = ("versions", "studies", "runs", "scenes", *OF_SCENES)
+
+COLUMNS = {
+    table: re.findall(r"^ +(\w+) +(?:TEXT|INTEGER|REAL|BLOB)", body, re.MULTILINE)
+    for step in STEPS
+    for table, body in re.findall(
+        r"CREATE TABLE (\w+) \((.*?)^    \)", step, re.MULTILINE | re.DOTALL
+    )
+}
+"""The columns of each table."""
+
+
+def row_of(table: str, one: Any, **known: Any) -> dict[str, Any]:
+    """Return the row of a table: what is known of it, and for other columns the attributes that are
+    called so."""
+    names = (name for name in COLUMNS[table] if name not in ("study", "scene"))
+    return {name: known[name] if name in known else getattr(one, name) for name in names}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What has become of a scene."""
+
+    status: str
+    """``done``, ``incomplete`` where a failure ended it early, or ``failed``."""
+    seconds: float | None
+    versions: str
+    """Versions of the package and its libraries, as JSON."""
+    rows: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)
+    """Rows, by table."""
+    points: int | None = None
+    evaluations: int | None = None
 
 
 PATIENCE = 60.0

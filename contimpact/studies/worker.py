@@ -25,7 +25,8 @@ from ..errors import InputError
 from ..progress import Progress, ignore_progress
 from ..results.scene import Scene, read_scene
 from ..segments.compiling import expect_plain_time
-from .outcome import Outcome, Rows, diagram_rows, failure, simulation_rows
+from .outcome import Rows, diagram_rows, simulation_rows
+from .store import Outcome
 
 # A scene's budget of time: what ends a scene that hangs.
 
@@ -134,7 +135,7 @@ def compute(task: Task) -> Outcome:
         return Outcome(status, time.perf_counter() - began, versions(), rows, **counts)
 
     def failed(kind: str, reason: str) -> Outcome:
-        return ended("failed", {"failures": [failure(kind, reason)]})
+        return ended("failed", {"failures": [{"kind": kind, "reason": reason}]})
 
     try:
         with limit_time(task.budget, task.fatal) as tell:
@@ -154,7 +155,7 @@ def _compute_scene(task: Task, tell: Any, ended: Any) -> Outcome:
     if {"attractors", "energies"} & {*task.keep}:
         rows |= _simulate_scene(scene, task, tell)
     if reason := diagram.statistics["failure"]:
-        rows["failures"] = [failure("numerical", reason)]
+        rows["failures"] = [{"kind": "numerical", "reason": reason}]
     counts = diagram.statistics["counts"]
     return ended(
         "incomplete" if reason else "done",

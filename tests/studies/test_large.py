@@ -87,7 +87,8 @@ from concurrent.futures import Executor, Future
 from contimpact import read_study, run_study, Store
 from contimpact.studies import run
 from contimpact.studies.executors import given
-from contimpact.studies.outcome import Outcome, diagram_rows
+from contimpact.studies.outcome import diagram_rows
+from contimpact.studies.store import Outcome
 from contimpact import follow, read_scene
 sys.path.insert(0, sys.argv[1])
 from small_studies import study_given

@@ -13,8 +13,7 @@ from small_studies import TOML, computed_here, contents, study_given
 
 from contimpact.cli import main
 from contimpact.errors import InputError, NotWrittenError
-from contimpact.studies.outcome import Outcome
-from contimpact.studies.store import APPLICATION, STEPS, TABLES, Store
+from contimpact.studies.store import APPLICATION, STEPS, TABLES, Outcome, Store
 from contimpact.studies.study_file import read_study
 
 EVENT = {

@@ -17,8 +17,7 @@ from small_studies import study_given
 import contimpact
 from contimpact.cli import main
 from contimpact.errors import InputError
-from contimpact.studies.outcome import Outcome
-from contimpact.studies.store import APPLICATION, STEPS, Store
+from contimpact.studies.store import APPLICATION, STEPS, Outcome, Store
 from contimpact.studies.study import QUANTITIES, Study, studies
 from contimpact.studies.study_file import read_study
 
