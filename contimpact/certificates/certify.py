@@ -18,10 +18,10 @@ from ..models.model import Model
 from ..orbits.problem import OrbitProblem
 from ..progress import Progress, ignore_progress
 from ..results.branch import Branch, Entry, model_at, model_of, orbit_of
-from ..results.catalogue import load_diagram, load_entries
+from ..results.catalogue import open_results
 from ..results.diagram import Diagram
 from ..results.options import CertifyOptions
-from ..results.result_folder import CATALOGUE, MANIFEST, WANTED, digests_of, read_json, reading
+from ..results.result_folder import CATALOGUE, MANIFEST, WANTED, digests_of, read_json
 from ..results.scene import Scene, load_scene
 from ..segments.balls import INTEGRATED, without_enclosures
 from ..segments.kernels import Kernels
@@ -345,21 +345,14 @@ def certify_folder(
     keep : bool
         Whether to keep certificates in the folder as they are found, and to go on from those.
     """
-    catalogue, entries, branches = _read(folder)
-    said = digest(catalogue)
+    results = open_results(folder)
+    said = digest(results.catalogue)
     kept = CertificateLog(folder / ROWS if keep else None, f"{said} {options} {versions()}")
     found = _Work(options, model, progress, kept).certificates(
-        catalogue["scene"], said, entries, branches
+        results.diagram.name, said, results.entries, results.diagram.branches
     )
     kept.remove()
     return found
-
-
-def _read(folder: Path) -> tuple[dict[str, Any], list[Entry], list[Branch]]:
-    """A folder's catalogue, its entries, and its branches with these for events."""
-    with reading(folder):
-        catalogue = read_json(folder / "catalogue.json", CATALOGUE, WANTED)
-        return catalogue, load_entries(folder), list(load_diagram(folder).branches)
 
 
 class _Work:
@@ -472,7 +465,8 @@ def verify_folder(
     Raises InputError if a file is missing or damaged.
     """
     began = time.perf_counter()
-    catalogue, entries, branches = _read(folder)
+    results = open_results(folder)
+    entries, branches = results.entries, results.diagram.branches
     stored = read_certificates(folder)
     problems, records = Problems(model), {c.id: c for c in stored.entries}
 
@@ -505,7 +499,7 @@ def verify_folder(
     there = {one.id: one for one in tubes}
     more = [name for name, record in kept.items() if _says_more(record, there.get(name))]
     seconds = time.perf_counter() - began
-    said = digest(catalogue)
+    said = digest(results.catalogue)
     return Certificates(stored.scene, said, found, tubes, seconds, versions(), more)
 
 

@@ -17,13 +17,13 @@ import itertools
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from ..arrays import Array
-from ..continuation.ends import End, EndKind
 from ..errors import InputError, explain_arguments
 from ..models.word import LONGEST_WORD
 from ..storage.files import (
@@ -46,6 +46,7 @@ from ..storage.texts import (
     unescape_text,
 )
 from .branch import FLAT, Branch, Entry
+from .curve import Area, Check, Coverage, Curve, regions
 from .diagram import Diagram, Limit
 from .diagram_reading import SURVEYS, read
 from .result_folder import (
@@ -60,8 +61,7 @@ from .result_folder import (
     renew_folder,
 )
 
-if TYPE_CHECKING:
-    from .curve import Area, Check, Coverage, Curve
+T = TypeVar("T")
 
 
 # What a result folder holds, read back: entries, branches and curves.
@@ -149,15 +149,7 @@ def read_branch(path: str | Path) -> Branch:
 
     Raises InputError if the file is missing, not of this schema, or damaged.
     """
-    with check_reading(Path(path), BRANCH):
-        head, columns = _table(Path(path), BRANCH)
-        parameter = head["parameter"]
-        _require(columns, head["word"], [parameter], TEXTS)
-        earlier = {"system": head["system"], "options": head["options"]}
-        record = {"meetings": [], **head, "columns": columns, "origin": head["from"]}
-        record["ends"] = _ends(head["ends"], parameter)
-        record["events"] = [entry_of(earlier | record) for record in head["events"]]
-        return build_record(Branch, record)
+    return _read_table(Branch, Path(path), BRANCH)
 
 
 def read_curve(path: str | Path) -> Curve:
@@ -165,15 +157,31 @@ def read_curve(path: str | Path) -> Curve:
 
     Raises InputError if the file is missing, not of this schema, or damaged.
     """
-    from .curve import Codim2, Curve
+    return _read_table(Curve, Path(path), CURVE)
 
-    with check_reading(Path(path), CURVE):
-        head, columns = _table(Path(path), CURVE)
-        _require(columns, head["word"], head["parameters"], ())
-        record = head | {"columns": columns, "origin": head["from"]}
-        record["ends"] = _ends(head["ends"], head["parameters"][-1])
-        record["points"] = [build_record(Codim2, record) for record in head["codimension2"]]
-        return build_record(Curve, record)
+
+def _read_table(kind: type[T], path: Path, schema: str) -> T:
+    """The branch or the curve of a table; earlier versions write the value at an end under the
+    parameter's name, and have the system beside the events."""
+    with check_reading(path, schema):
+        head, columns = _table(path, schema)
+        parameters = head["parameters"] if schema == CURVE else [head["parameter"]]
+        _require(columns, head["word"], parameters, () if schema == CURVE else TEXTS)
+        record = {"meetings": [], **head, "columns": columns, "origin": head["from"]}
+        record["ends"] = [
+            {
+                "kind": end["kind"].upper(),
+                "value": end["parameter" if "parameter" in end else parameters[-1]],
+                "message": end["message"],
+            }
+            for end in head["ends"]
+        ]
+        if schema == CURVE:
+            record["points"] = head["codimension2"]
+        else:
+            earlier = {"system": head["system"], "options": head["options"]}
+            record["events"] = [entry_of(earlier | event) for event in head["events"]]
+        return build_record(kind, record)
 
 
 def _table(path: Path, schema: str) -> tuple[dict[str, Any], dict[str, Array]]:
@@ -229,19 +237,6 @@ def _require(
     for name in finite:
         if not np.isfinite(columns[name]).all():
             raise ValueError(f"{name} is not finite everywhere")
-
-
-def _ends(records: Any, parameter: str) -> tuple[End, End]:
-    """Both ends; earlier versions write the value under the parameter's name."""
-    first, last = (
-        End(
-            EndKind[e["kind"].upper()],
-            fit_value(e["parameter" if "parameter" in e else parameter], float, "parameter"),
-            fit_value(e["message"], str, "message"),
-        )
-        for e in records
-    )
-    return first, last
 
 
 # Folders and files.
@@ -315,8 +310,6 @@ def catalogue_text(diagram: Diagram) -> str:
         "survey": diagram.survey,
     }
     if diagram.curves:
-        from .curve import regions
-
         content["curves"] = [_curve_record(curve) for curve in diagram.curves]
         content["competition"] = [
             dataclasses.asdict(r) for r in regions(diagram.curves, checks=diagram.checks)
@@ -463,61 +456,58 @@ def load_diagram(folder: str | Path) -> Diagram:
         If there is no catalogue, its schema is another one, a file is missing or damaged, or the
         folder's run was ended while it wrote the folder.
     """
-    folder = Path(folder)
+    return open_results(Path(folder)).diagram
+
+
+@dataclass(frozen=True)
+class Results:
+    """A folder of results, read once: what its catalogue says, entries and diagram."""
+
+    catalogue: Mapping[str, Any]
+    entries: Sequence[Entry]
+    """Those of the catalogue, with certified radii."""
+    diagram: Diagram
+
+
+@dataclass(frozen=True)
+class _Catalogue:
+    """The parts of a catalogue that are records of their own, or texts."""
+
+    scene: str
+    interrupted: str = ""
+    checks: Sequence[Check] = ()
+    coverage: Sequence[Coverage] = ()
+    areas: Sequence[Area] = ()
+    limits: Sequence[Limit] = ()
+
+
+def open_results(folder: Path) -> Results:
+    """Return what a folder of results holds; raises InputError as `load_diagram` does."""
     path = folder / "catalogue.json"
     with reading(folder), check_reading(path, CATALOGUE):
-        catalogue = read_json(path, CATALOGUE, WANTED)
-        branches = [_branch_of(folder, record) for record in catalogue["branches"]]
+        content = read_json(path, CATALOGUE, WANTED)
+        found = build_record(_Catalogue, content)
+        entries = [entry_of(record) for record in content["entries"]]
+        branches = [_branch_of(folder, record) for record in content["branches"]]
         curves, points = (
-            [
-                read_curve(folder / curve_file(c["id"], c["kind"], c["word"]))
-                for c in catalogue.get(key, [])
-            ]
-            or ()
-            for key in ("curves", "codimension2_curves")
+            [read_curve(folder / curve_file(c["id"], c["kind"], c["word"])) for c in records] or ()
+            for records in (content.get("curves", []), content.get("codimension2_curves", []))
         )
-        checks, coverage = _checks(catalogue)
-        name = fit_value(catalogue["scene"], str, "scene")
-        stopped = fit_value(catalogue.get("interrupted", ""), str, "interrupted")
-        return Diagram(
-            name,
-            branches,
-            curves,
-            checks,
-            {"stopped": stopped} if stopped else {},
-            codim2_curves=points,
-            coverage=coverage,
-            areas=_areas(catalogue),
-            survey=_survey(catalogue),
-            limits=[build_record(Limit, record) for record in catalogue.get("limits", [])] or (),
-        )
-
-
-def _survey(catalogue: Mapping[str, Any]) -> str:
-    """How far the diagram of a catalogue was surveyed; earlier versions do not say."""
-    found = catalogue.get("survey")
-    return found if isinstance(found, str) and found in SURVEYS else "unknown"
-
-
-def _checks(catalogue: Mapping[str, Any]) -> tuple[Sequence[Check], Sequence[Coverage]]:
-    """The one-parameter runs a catalogue records, and what they cover, if there are any."""
-    checks, coverage = catalogue.get("checks", []), catalogue.get("coverage", [])
-    if not (checks or coverage):
-        return (), ()
-    from .curve import Check, Coverage
-
-    return [build_record(Check, r) for r in checks] or (), [
-        build_record(Coverage, r) for r in coverage
-    ] or ()
-
-
-def _areas(catalogue: Mapping[str, Any]) -> Sequence[Area]:
-    """The areas that a catalogue records, if there are any."""
-    if not (records := catalogue.get("areas")):
-        return ()
-    from .curve import Area
-
-    return [build_record(Area, record) for record in records]
+    # earlier versions do not say how far a diagram was surveyed
+    survey = content.get("survey")
+    diagram = Diagram(
+        found.scene,
+        branches,
+        curves,
+        found.checks,
+        {"stopped": found.interrupted} if found.interrupted else {},
+        codim2_curves=points,
+        coverage=found.coverage,
+        areas=found.areas,
+        survey=survey if isinstance(survey, str) and survey in SURVEYS else "unknown",
+        limits=found.limits,
+    )
+    return Results(content, entries, diagram)
 
 
 def _branch_of(folder: Path, record: Mapping[str, Any]) -> Branch:

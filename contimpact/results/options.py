@@ -267,10 +267,10 @@ class CertifyOptions:
         shown="512, or `bits`",
     )
     branches: bool = key(True, "whether branches are proven complete")
+    events: tuple[str, ...] = ("FB", "PD", "G")
+    """Kinds of events that are certified; by default those the scene looks for."""
     seconds: float = key(
         600.0,
         "processor time for the proof of one branch; what is left is `unproven`, for that reason",
         above=0,
     )
-    events: tuple[str, ...] = ("FB", "PD", "G")
-    """Kinds of events that are certified; by default those the scene looks for."""
