@@ -125,16 +125,9 @@ class Equations:
 
     def jacobian(self, flights: Sequence[Flight]) -> list[list[Any]]:
         """Return the Jacobian of the orbit problem, row by row."""
-        m, n = self.problem.m, self.problem.n
-        rows: list[list[Any]] = []
-        for k, (_, start, end, by_parameter) in enumerate(flights):
-            for r in range(m):
-                row: list[Any] = [self.number(0)] * n + [by_parameter[r]]
-                for c in range(m):
-                    row[m * k + c] += start[m * r + c]
-                    row[(m * k + m + c) % n] += end[m * r + c]
-                rows.append(row)
-        return rows
+        free = (x for _, _, _, by_parameter in flights for x in by_parameter)
+        cyclic = cyclic_matrix(flights, 1, self.number(0))
+        return [[*row, x] for row, x in zip(cyclic, free, strict=True)]
 
     # Systems of events.
 
@@ -239,3 +232,18 @@ class Equations:
 def residuals_of(flights: Iterable[Flight]) -> list[Any]:
     """Return the residuals of all flights."""
     return [row for flight in flights for row in flight[0]]
+
+
+def cyclic_matrix(flights: Sequence[Flight], mu: Any, zero: Any) -> list[list[Any]]:
+    """Return the cyclic matrix, its last coupling multiplied by mu, row by row."""
+    m, last = len(flights[0][0]), len(flights) - 1
+    n, rows = m * len(flights), []
+    for k, (_, start, end, _) in enumerate(flights):
+        for r in range(m):
+            row = [zero] * n
+            for c in range(m):
+                moved = end[m * r + c] if k < last or mu == 1 else mu * end[m * r + c]
+                row[m * k + c] += start[m * r + c]
+                row[(m * k + m + c) % n] += moved
+            rows.append(row)
+    return rows

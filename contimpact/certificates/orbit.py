@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from flint import acb, acb_mat, acb_poly, arb, arb_mat, arb_series
 
+from ..bifurcations.equations import cyclic_matrix
 from ..bifurcations.kind import Kind
 from ..bifurcations.sliding import (
     CROSSING,
@@ -115,28 +116,13 @@ def characteristic_polynomial(flights: Sequence[Flight]) -> Any:
     """Return p from its values at roots of unity."""
     count = len(flights[0][0]) + 1
     roots = [_circle_point(arb(2 * k) / count) for k in range(count)]
-    values = [acb_mat(_cyclic(flights, mu)).det() for mu in roots]
+    values = [acb_mat(cyclic_matrix(flights, mu, acb(0))).det() for mu in roots]
     return acb_poly(
         [
             sum((v * roots[-j * k % count] for k, v in enumerate(values)), acb(0)) / count
             for j in range(count)
         ]
     )
-
-
-def _cyclic(flights: Sequence[Flight], mu: Any) -> list[list[Any]]:
-    """C(mu)."""
-    m = len(flights[0][0])
-    n, rows = m * len(flights), []
-    for k, (_, start, end, _) in enumerate(flights):
-        factor = mu if k == len(flights) - 1 else acb(1)
-        for r in range(m):
-            row = [acb(0)] * n
-            for c in range(m):
-                row[m * k + c] += start[m * r + c]
-                row[(m * k + m + c) % n] += factor * end[m * r + c]
-            rows.append(row)
-    return rows
 
 
 # What is left of an orbit at an event where an impact comes to rest, or a flight takes no time.

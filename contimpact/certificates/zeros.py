@@ -15,9 +15,9 @@ from typing import Any, TypeAlias
 import numpy as np
 from flint import arb, arb_mat, arb_series
 
+from ..bifurcations.equations import Flight, cyclic_matrix
 from .birth import Birth
 from .clearance import CUT, Coordinate, coordinates_of, open_cells
-from .equations import Flight
 from .orbit import characteristic
 from .tube import Model, Segment, Tube, coefficient, shift_polynomial
 
@@ -68,7 +68,7 @@ class _Determinant:
 
     def __init__(self, segment: Segment, mu: float) -> None:
         problem = segment.space.problem
-        self.m, self.n, self.mu = problem.m, problem.n, mu
+        self.n, self.mu = problem.n, mu
         here = problem.evaluate(segment.doubles(0.0))
         left, _, right = np.linalg.svd(here.cyclic(mu)[:, : self.n])
         self.left, self.right = arb_mat(left.T.tolist()), arb_mat(right.T.tolist())
@@ -76,24 +76,11 @@ class _Determinant:
             raise ArithmeticError("the cyclic matrix has no singular vectors")
 
     def __call__(self, flights: list[Flight]) -> Any:
-        rows = self._turned(self._cyclic(flights))
+        rows = self._turned(cyclic_matrix(flights, self.mu, arb(0)))
         found = _determinant_by_pivots([list(row) for row in rows])
         if found is None and self.n > LARGEST:
             raise ArithmeticError("a pivot of the cyclic matrix may be zero")
         return _determinant_by_minors(rows) if found is None else found
-
-    def _cyclic(self, flights: list[Flight]) -> list[list[Any]]:
-        """C(mu)."""
-        m, found = self.m, []
-        for k, (_, start, end, _) in enumerate(flights):
-            factor = self.mu if k == len(flights) - 1 else 1
-            for r in range(m):
-                row: list[Any] = [arb(0)] * self.n
-                for c in range(m):
-                    row[m * k + c] += start[m * r + c]
-                    row[(m * k + m + c) % self.n] += factor * end[m * r + c]
-                found.append(row)
-        return found
 
     def _turned(self, rows: list[list[Any]]) -> list[list[Any]]:
         """U^T C V, of numbers or of power series."""
