@@ -239,7 +239,11 @@ def refusal(missing: Sequence[NotFound], settled: Settled | None = None) -> Inpu
     found = str(first) + (f", nor of {', '.join(others)}" if others else "")
     words = settled.words() if settled else []
     others = [word for word in words if word not in [str(each.word) for each in missing]]
-    return InputError("follow.orbits", found, _remedy(first, others))
+    remedy = _remedy(first, others)
+    if settled and not others:
+        place = f"{first.parameter} = {first.value:.9g}"
+        remedy = "; ".join([remedy, *settled.remarks(place, quiet=True)])
+    return InputError("follow.orbits", found, remedy)
 
 
 def _remedy(lacking: NotFound, others: Sequence[str]) -> str:

@@ -122,6 +122,21 @@ def test_a_scene_without_orbits_is_told_that_motions_meet_no_stop():
         follow(read_scene(table))
 
 
+def test_a_scene_without_orbits_is_told_that_motions_do_not_settle():
+    """A table that accelerates by 0.9 g: below pi (1 - r)/(1 + r) g the ball comes to rest."""
+    table = {
+        "name": "sticking",
+        "model": {
+            "system": "bouncing-ball",
+            "parameters": {"a": 0.0035, "omega": 50.0, "r": 0.5, "g": 9.8},
+        },
+        "follow": {"parameter": "a", "range": [0.0034, 0.0036], "orbits": ["PPP"]},
+        "numerics": {"starts": 4, "rounds": 1},
+    }
+    with pytest.raises(ci.InputError, match="3 of 3 motions simulated at a = 0.0035 had not"):
+        follow(read_scene(table))
+
+
 def test_a_motion_that_sticks_at_first_is_followed_on():
     """It starts in impacts that accumulate on the lower wall, and settles on 2:1."""
     model = ImpactPair(beta=np.pi / 6, r=0.3, A=5.0, s=0.34)
