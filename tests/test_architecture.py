@@ -44,6 +44,7 @@ TRUSTED = {
     "contimpact.segments.arithmetic": {"exec"},
     "contimpact.segments.kernels": {"exec"},
     "contimpact.segments.compiling": {"ctypes"},
+    "contimpact.segments.bounded_code": {"exec"},
     "contimpact.segments.llvm_ir": {"exec"},
     "contimpact.segments.machine_code": {"subprocess"},
 }
