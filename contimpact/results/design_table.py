@@ -35,10 +35,10 @@ class Tolerance:
 
 
 def _output(name: str, where: str, here: Any) -> str:
-    names = [output.name for output in here.scene.outputs]
+    names = [output.name for output in here.scene.outputs if not output.contacts]
     if name not in names:
         accepted = f"accepted are {', '.join(names)}" if names else "state it in [output]"
-        raise InputError(where, f"{short_repr(name)} is no output", accepted)
+        raise InputError(where, f"{short_repr(name)} is no output over time or impacts", accepted)
     return name
 
 
