@@ -6,7 +6,7 @@ has, the one that is reached first ends it. At rigid walls impacts accumulate by
 mode (`flights`), in which other walls may be hit and held. It ends where a contact ceases to
 push, or where another impact moves the system off the wall.
 
-Flights on which no wall is held are made by `linear_runs`, plainly or compiled, where all are
+Flights on which no wall is held are made by `linear_flights`, plainly or compiled, where all are
 linear; nothing here is compiled.
 """
 
@@ -43,7 +43,7 @@ from .flights import (
     windows,
 )
 from .impacts import EARLY, LOW, SHORT, wrap_time
-from .linear_runs import Law, LinearRuns, Setting
+from .linear_flights import Law, LinearRuns, Setting
 from .run import Call, Outcome, OutsideError, PassageRule, State, columns_of, join_columns
 
 # Starts anywhere within the guards of a mode; what lies elsewhere is refused.

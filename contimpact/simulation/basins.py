@@ -23,10 +23,9 @@ from ..results.simulate_tables import SETTLING, Settling
 from ..results.tables import columns_of
 from ..segments.kernels import Kernels
 from .attractor import Attractor, Kind
-from .batch import Batch
 from .run import Outcome, Run, State
 from .settle import settle
-from .simulator import Simulator, as_simulator
+from .simulator import Batch, Simulator, as_simulator
 from .sweep import Row, Sweep, same_attractor
 
 REACHED = 1e-5

@@ -13,7 +13,7 @@ from zoo import TWO_MASSES
 
 from contimpact.results.scene import read_scene
 from contimpact.results.simulate_tables import Settling
-from contimpact.simulation import linear_flights, linear_runs
+from contimpact.simulation import linear_flights
 from contimpact.simulation.basins import basins
 from contimpact.simulation.run import Outcome
 from contimpact.simulation.settle import settle
@@ -159,7 +159,7 @@ def test_parts_of_runs_join(simulators, plain_and_compiled, monkeypatch):
     simulator = simulators("sticking")
     start = starts(simulator, 1)[0]
     whole = simulator.run(start, impacts=100)
-    monkeypatch.setattr(linear_runs, "FEW", 7)
+    monkeypatch.setattr(linear_flights, "FEW", 7)
     for part in plain_and_compiled(lambda: simulator.run(start, impacts=100)):
         assert part == whole
     half = simulator.run(start, impacts=50)
