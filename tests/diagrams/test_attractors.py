@@ -271,7 +271,8 @@ class Found(NamedTuple):
     - `on a branch`
     - `named`: by a note, with where words without an orbit at the start have some, or in the
       refusal
-    - `missed`: its word was asked for, at this value
+    - `missed`: its word was asked for, and looked for at this value or near it
+    - `limited`: likewise, and a limit is reported that ended a search for it
     - `refused`: no diagram, which does not name it
     - `remark`: the list of stable ranges says that there may be others
     """
@@ -306,19 +307,19 @@ def compare(scene, stated, seed, folder):
     """The attractors at the start and at two values more, and counts of other motions."""
     low, high = scene.range
     values = [scene.start, low + 0.15 * (high - low), low + 0.85 * (high - low)]
-    diagram, survey = None, "refused"
+    diagram, survey, limits = None, "refused", ""
     try:
         diagram = follow(scene)
         lists = diagram.statistics
-        survey, said = diagram.survey, [*lists["notes"], *map(str, diagram.limits)]
-        said = [text for text in said if not text.startswith("numerics.rounds")]
+        survey, said = diagram.survey, [*lists["notes"]]
         said += [str(Word(e["word"], e["period"])) for e in lists["not_found"] if e["elsewhere"]]
+        limits = " ".join(map(str, diagram.limits))
         assert diagram.reading.incomplete in str(diagram.reading)
     except InputError as error:
         if error.where != "follow.orbits":
             raise
         said = [str(error)]
-    named = set(re.split("[ ,;:]+", " ".join(said)))
+    named, limited = (set(re.split("[ ,;:]+", text)) for text in (" ".join(said), limits))
     found, others = attractors(scene, stated, values, seed, folder)
     asked = {turns_of(word) for word in scene.orbits}
     kernels = Kernels(scene.model, scene.parameter)
@@ -333,7 +334,7 @@ def compare(scene, stated, seed, folder):
         elif diagram is None:
             verdict = "refused"
         elif searched and asked & {turns_of(word) for word in words}:
-            verdict = "missed"
+            verdict = "limited" if any(limited & names(word) for word in words) else "missed"
         else:
             verdict = "remark"
         result.append(Found(value, str(words[0]), verdict))
