@@ -442,4 +442,5 @@ def test_attractors_of_two_hundred_scenes_are_on_branches_or_reported(tmp_path):
         at_start.update(each.verdict for each in found if each.value == scene.start)
     assert counts["missed"] == 0
     assert counts["on a branch"] + counts["named"] > 400
-    assert at_start["remark"] + at_start["refused"] < 0.05 * sum(at_start.values())
+    # of small basins, which a few motions miss, or beside others that were asked for
+    assert at_start["remark"] + at_start["refused"] < 0.1 * sum(at_start.values())
