@@ -133,7 +133,7 @@ class SimulateOptions:
         True,
         "whether changes of the attractor are located and named; with a list, those from or to "
         "motion of these periods, as `[1, 2]`",
-        accepted="true, false or a list of whole numbers",
+        accepted="true, false, or a list of periods such as [1, 2]",
     )
     width: float = key(
         PART,
