@@ -133,7 +133,7 @@ def test_a_scene_without_orbits_is_told_that_motions_do_not_settle():
         "follow": {"parameter": "a", "range": [0.0034, 0.0036], "orbits": ["PPP"]},
         "numerics": {"starts": 4, "rounds": 1},
     }
-    with pytest.raises(ci.InputError, match="3 of 3 motions simulated"):
+    with pytest.raises(ci.InputError, match=r"3 of 3 motions simulated"):
         follow(read_scene(table))
 
 
