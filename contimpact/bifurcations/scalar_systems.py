@@ -21,7 +21,7 @@ from ..orbits.problem import CyclicBlocks, Linearisation, OrbitProblem
 from ..segments.bounded_code import add_pairs, multiply_pairs
 from ..segments.compiling import CompiledProgram, addresses, load, mode, timed_plainly
 from ..segments.kernels import Kernels
-from ..segments.layout import Blocks, Setup
+from ..segments.layout import Blocks, Family, Setup
 
 if TYPE_CHECKING:
     from ..segments.machine_code import Program
@@ -747,10 +747,10 @@ def flights_of(rows: Array, free: int = 1) -> CyclicBlocks:
 def is_scalar(problem: OrbitProblem) -> bool:
     """Whether systems on the orbits of a problem are scalar code: not for more than one degree of
     freedom, free periods, long words, and flights that are no straight-line code."""
-    kernels = problem.kernels
     if problem.m != 2 or problem.autonomous or not 1 <= len(problem.word) <= LONGEST:
         return False
-    return not kernels.loops
+    family = problem.kernels.flight(*problem.kinds[0]).family
+    return family not in (Family.LINEAR, Family.HARMONICS)
 
 
 def solver_of(problem: OrbitProblem, form: ScalarForm | None) -> Solver | None:

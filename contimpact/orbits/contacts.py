@@ -6,7 +6,6 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.polynomial import chebyshev
 
 from ..arrays import Array, Vector
 from ..models.model import Model
@@ -87,6 +86,8 @@ def _depths(
 
 def _greatest(parts: Vector, values: Vector) -> float:
     """The greatest value of a polynomial that has some at Chebyshev's points on [0, 1]."""
+    from numpy.polynomial import chebyshev
+
     factors = chebyshev.chebfit(2.0 * parts - 1.0, values, len(parts) - 1)
     turns = chebyshev.chebroots(chebyshev.chebder(factors))
     inside = turns[(abs(turns.imag) < 1e-8) & (abs(turns.real) <= 1.0)].real

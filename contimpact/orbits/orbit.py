@@ -16,7 +16,7 @@ from ..models.word import Word, name_orbit
 from ..segments.kernels import Kernels
 from .contacts import Contact, contacts_of
 from .noise import Fluctuations, fluctuations_of
-from .outputs import Mean, mean_output, mean_slope, rates_of
+from .outputs import Mean, mean_output, rates_of
 from .problem import Linearisation, OrbitProblem, Path, motion_of, path_of
 from .quiet import problem_of
 
@@ -233,6 +233,8 @@ class Orbit(ParameterItems, NotebookResult):
             For anything else in the expression, a parameter the model does not have, or an orbit
             without impacts, at a fold or at a branch point.
         """
+        from .output_slopes import mean_slope
+
         at_impacts = at_impacts or per_time
         output = Output("output", expression, at_impacts, "", per_time, harvester)
         return mean_slope(self.linearisation, self.model, output, parameter)

@@ -394,13 +394,6 @@ class Kernels:
         return _caller(f"kind, {ends}, p", "kind", ends + held, self.model, loaded)
 
     @functools.cached_property
-    def loops(self) -> bool:
-        """Whether flights are computed in loops, rather than written out."""
-        first, *_ = self.model.letters
-        after = following_letters(self.model.WALLS, first)[0]
-        return self.flight(first, after).family in (Family.LINEAR, Family.HARMONICS)
-
-    @functools.cached_property
     def motions(self) -> Callable[..., Any]:
         """``motions((wall, t0, *y0), dt, p)``: the motion after a wall by its number."""
         loaded = _LazyKernels[Kernel](lambda wall: self.motion(self.model.WALLS[wall].name))
