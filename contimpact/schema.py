@@ -240,6 +240,8 @@ def fit(value: Any, hint: Any, where: str, rule: Key = PLAIN, here: Any = None) 
         if len(value) > LONGEST_TEXT:
             raise InputError(where, f"{len(value)} characters", f"at most {LONGEST_TEXT} do")
         if rule.choices and value not in rule.choices:
+            if rule.accepted:
+                raise refusal()
             raise InputError(where, f"found {value!r}", f"accepted are {', '.join(rule.choices)}")
         return value
     if hint is bool and isinstance(value, bool):

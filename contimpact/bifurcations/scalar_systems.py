@@ -749,8 +749,8 @@ def is_scalar(problem: OrbitProblem) -> bool:
     freedom, free periods, long words, and flights that are no straight-line code."""
     if problem.m != 2 or problem.autonomous or not 1 <= len(problem.word) <= LONGEST:
         return False
-    family = problem.kernels.flight(*problem.kinds[0]).family
-    return family not in (Family.LINEAR, Family.HARMONICS)
+    families = {problem.kernels.flight(*kind).family for kind in problem.kinds}
+    return not families & {Family.LINEAR, Family.HARMONICS}
 
 
 def solver_of(problem: OrbitProblem, form: ScalarForm | None) -> Solver | None:

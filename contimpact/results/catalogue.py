@@ -499,7 +499,7 @@ def open_results(folder: Path) -> Results:
         found.scene,
         branches,
         curves,
-        found.checks,
+        found.checks or (),
         {"stopped": found.interrupted} if found.interrupted else {},
         codim2_curves=points,
         coverage=found.coverage,

@@ -124,7 +124,7 @@ def bounded_kernel(kernel: Kernel, only: int | None = None) -> Callable[..., Any
     if only is not None:
         tree.body = _statements_of(tree.body, only)
     names: dict[str, Any] = {function.__name__: function for function in OPERATIONS.values()}
-    _Rewriter(names).visit(tree)
+    _Rewriter(names, kernel.functions).visit(tree)
     tree.name = f"bounded_{tree.name}"
     return _function_of(ast.unparse(ast.fix_missing_locations(tree)), tree.name, names)
 
@@ -159,8 +159,8 @@ def _names_in(tree: ast.AST) -> set[str]:
 class _Rewriter(ast.NodeTransformer):
     """Puts calls in the place of operations, and pairs in that of constants."""
 
-    def __init__(self, names: dict[str, Any]) -> None:
-        self.names = names
+    def __init__(self, names: dict[str, Any], functions: dict[str, Callable[..., Any]]) -> None:
+        self.names, self.functions = names, FLOATS.names | functions
 
     def visit_Expr(self, node: ast.Expr) -> ast.AST | None:
         return None  # the documentation
@@ -201,7 +201,7 @@ class _Rewriter(ast.NodeTransformer):
         """A function of floats as one of pairs, as `bounded` takes its error."""
         own = f"{name}_of_pairs"
         if own not in self.names:
-            function = math.pow if name in ("pow", "power") else FLOATS.names[name]
+            function = math.pow if name in ("pow", "power") else self.functions[name]
             found = function(*[0.5] * arguments)
             results = len(found) if isinstance(found, tuple) else 1
             text = _text_of_function(own, arguments, results, ROUGHER.get(name, 1.0))

@@ -113,7 +113,7 @@ def test_an_interruption_before_the_first_point_is_one(orbit, monkeypatch):
     def interrupted(*given):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("contimpact.continuation.corrector.correct", interrupted)
+    monkeypatch.setattr("contimpact.continuation.step.take_point", interrupted)
     with pytest.raises(KeyboardInterrupt):
         continue_orbit(orbit, "s", RANGE)
 
