@@ -380,10 +380,6 @@ SIZE, ERROR, EVALUATED = range(3)
 """Places in `told`: the largest residual, a bound of the parameter's error, and how often the
 system was evaluated."""
 
-SETTLED = 4.0
-"""Residuals of so many units in the last place of the largest unknown are rounding."""
-
-
 class Search(NamedTuple):
     """Scratch space and results of `solve_system`."""
 
@@ -431,12 +427,9 @@ def solve_system(
             span = longest
         elif not longest < FAR * span:
             return AWAY
-        least, found, at_best, largest_unknown = size, True, True, 0.0
+        least, found, at_best = size, True, True
         for i in range(n):
             best[i] = z[i]
-            largest_unknown = max(largest_unknown, abs(z[i]))
-        if size <= SETTLED * EPSILON * largest_unknown:
-            break
         if not newton_step(system, search.row, 0.0, step):
             return FAILED
         away = 0.0
