@@ -118,10 +118,10 @@ def motions_in(folder: Path, diagram: Diagram, model: Model, tell: Progress) -> 
     along = {branch.parameter for branch in diagram.branches}
     if len(along) != 1 or not is_there(folder / "sweep.csv"):
         return []
-    from ..diagrams.ranges import load_ranges
+    from ..diagrams.ranges import ranges_in
 
     tell("ranges of attractors")
-    return load_ranges(folder, model).motions
+    return ranges_in(folder, diagram, model).motions
 
 
 def add_page(scene: Scene, diagram: Diagram, files: Files, tell: Progress) -> None:

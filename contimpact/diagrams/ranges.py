@@ -267,11 +267,20 @@ def load_ranges(folder: str | Path, model: Model | None = None) -> Ranges:
         If the folder holds neither branches nor attractors, or a file in it is damaged.
     """
     folder = Path(folder)
-    places = [folder, folder / "simulation"]
-    place = next((place for place in places if is_there(place / "sweep.csv")), None)
-    swept = place is not None
-    branches = is_there(folder / "catalogue.json") or not swept
+    branches = is_there(folder / "catalogue.json") or _place_of_sweep(folder) is None
     diagram = load_diagram(folder) if branches else Diagram(folder.name, [])
+    return ranges_in(folder, diagram, model)
+
+
+def _place_of_sweep(folder: Path) -> Path | None:
+    places = [folder, folder / "simulation"]
+    return next((place for place in places if is_there(place / "sweep.csv")), None)
+
+
+def ranges_in(folder: Path, diagram: Diagram, model: Model | None = None) -> Ranges:
+    """Return the ranges of a diagram and of what was simulated in a folder, which may still be
+    written to; see `load_ranges`."""
+    place = _place_of_sweep(folder)
     if place is None:
         return attractor_ranges(diagram)
     if model is None:
