@@ -380,6 +380,7 @@ SIZE, ERROR, EVALUATED = range(3)
 """Places in `told`: the largest residual, a bound of the parameter's error, and how often the
 system was evaluated."""
 
+
 class Search(NamedTuple):
     """Scratch space and results of `solve_system`."""
 
