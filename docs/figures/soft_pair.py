@@ -44,10 +44,12 @@ def diagrams():
     for table in ("simulate", "energy"):
         del scene[table]
     yield "rigid", "0.0", ci.follow(scene)
-    stiffest = tomllib.loads((BRANCHES / "soft_pair_5000" / "scene.toml").read_text("utf-8"))
-    stiffest["model"]["parameters"]["k"] = 50000
-    yield "50 000 N/m", COLOURS[0], ci.follow(stiffest)
-    yield "5 000 N/m", COLOURS[2], ci.load_diagram(BRANCHES / "soft_pair_5000")
+    stiffer = tomllib.loads((BRANCHES / "soft_pair_500" / "scene.toml").read_text("utf-8"))
+    del stiffer["output"]
+    stiffer["follow"]["range"] = [0.2, 0.42]
+    for label, colour, k in (("50 000 N/m", COLOURS[0], 50000), ("5 000 N/m", COLOURS[2], 5000)):
+        stiffer["model"]["parameters"] |= {"s": 0.41, "k": k}
+        yield label, colour, ci.follow(stiffer)
     yield "500 N/m", COLOURS[4], ci.load_diagram(BRANCHES / "soft_pair_500")
 
 

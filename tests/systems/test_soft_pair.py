@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -269,7 +270,9 @@ def test_table_a1():
 def test_where_mechanism_1_begins():
     """Both folds of the 3:1 born at the grazing meet in a cusp: above it a run in s finds two,
     below it none, and the stable 3:1 takes over from the 2:1."""
-    diagram = ci.load_diagram(ROOT / "branches" / "soft_pair_5000")
+    scene = ci.load_scene(ROOT / "branches" / "soft_pair_500" / "scene.toml")
+    stiffer = scene.model.replace(k=5000.0, s=0.41)
+    diagram = ci.follow(dataclasses.replace(scene, model=stiffer, range=(0.2, 0.42), outputs=()))
     (branch,) = [b for b in diagram.branches if b.word == "BbBbBbTt"]
     fold = max((e for e in branch.events if e.kind == "FB"), key=lambda e: e.value)
     curve = ci.follow_curve(fold, None, "k", (0.2, 0.4), (600.0, 5100.0))
