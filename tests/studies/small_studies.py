@@ -35,7 +35,7 @@ rounds = 2
 
 [study]
 keep = ["catalogue", "readings"]
-budget = 60
+budget = 600
 
 [study.grid]
 beta = {{ from = "pi/9", to = "pi/6", count = {count} }}
