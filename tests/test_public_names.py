@@ -56,6 +56,7 @@ def python(*given: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, *given], capture_output=True, text=True, timeout=300)
 
 
+@pytest.mark.full
 def test_without_extras_names_are_there_and_say_what_they_lack_when_called():
     done = python("-c", WITHOUT_EXTRAS)
     assert done.stderr == ""
@@ -81,6 +82,7 @@ def test_types_are_read_from_where_names_are_loaded_from():
     assert places == contimpact._PLACES
 
 
+@pytest.mark.full
 def test_mypy_knows_the_types_of_a_users_script(tmp_path, request):
     pytest.importorskip("mypy")
     (tmp_path / "script.py").write_text(SCRIPT, encoding="utf-8")

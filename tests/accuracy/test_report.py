@@ -66,6 +66,7 @@ def test_schema_and_machine(data):
     assert {"python", "numpy", "scipy", "mpmath", "contimpact"} <= set(data["machine"])
 
 
+@pytest.mark.full
 def test_every_method_is_there_and_its_error_falls(data):
     names = [method["name"] for method in data["methods"]]
     assert names == [
@@ -87,6 +88,7 @@ def test_every_method_is_there_and_its_error_falls(data):
             assert errors[-1] < 1e-13
 
 
+@pytest.mark.full
 def test_events_are_confirmed_and_honest(data):
     fair = data["honesty"]
     assert fair["events"] == fair["confirmed"] == fair["within_estimate"] == 2
@@ -133,10 +135,12 @@ def test_a_simulation_and_its_voltages_are_measured():
     assert "nan" not in text
 
 
+@pytest.mark.full
 def test_a_scene_without_a_simulation_has_none_in_its_report(data):
     assert data["simulation"] is None
 
 
+@pytest.mark.full
 def test_cost_of_long_words(data):
     words = data["long_words"]
     assert [row["impacts"] for row in words["rows"]] == [10, 20, 40, 60]
@@ -144,6 +148,7 @@ def test_cost_of_long_words(data):
     assert all(math.isfinite(value) for value in words["exponents"].values())
 
 
+@pytest.mark.full
 def test_the_text_has_every_table(folder, data):
     text = (folder / "report.md").read_text(encoding="utf-8")
     for heading in [m["name"] for m in data["methods"]] + ["Events", "Long words"]:
@@ -153,6 +158,7 @@ def test_the_text_has_every_table(folder, data):
 
 
 @pytest.mark.parametrize("against", ["seconds", "evaluations"])
+@pytest.mark.full
 def test_plot_on_given_axes(data, against):
     from matplotlib.figure import Figure
 

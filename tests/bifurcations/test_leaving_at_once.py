@@ -80,6 +80,7 @@ def test_an_orbit_that_leaves_its_mode_at_once_is_unphysical(w, physical):
         assert orbit.reason.startswith("flight 1 (A to B) passes wall B by ")
 
 
+@pytest.mark.full
 def test_where_it_does_is_a_grazing_with_an_error():
     limit = where_it_sticks(mp.mpf(0.02), friction=mp.mpf(0.3))
     branch = continue_orbit(slipping(friction()), "w", (0.48, 0.52), events=["G", "V"])

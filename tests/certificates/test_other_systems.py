@@ -295,6 +295,7 @@ def test_a_neimark_sacker_bifurcation_is_certified():
     assert flint.arb(found.parameter).overlaps(exact)
 
 
+@pytest.mark.full
 def test_a_neutral_saddle_is_no_neimark_sacker_bifurcation():
     near = math.exp(-0.05 * math.pi / 3.1)
     branch = continue_orbit(swinging(3.1), range=(0.7, 1.0), events=["UZ"], values={"r": [near]})
@@ -398,6 +399,7 @@ def test_without_the_extra_python_says_what_to_install():
     assert "pip install contimpact[certify]" in told.stderr
 
 
+@pytest.mark.full
 def test_a_number_beside_another_is_another_system():
     """What a law, a set, a guard or a matrix says is proven to the last digit that stands there."""
     given = {

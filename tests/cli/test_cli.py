@@ -138,6 +138,7 @@ def test_check_names_requested_values(run, scene):
     assert "d = 0.2\n" in out
 
 
+@pytest.mark.full
 def test_check_says_what_was_simulated(run, tmp_path):
     """An attractor of a soft stop that one random start of the search does not find."""
     values = {"k": 1, "c": 0.05, "a": 1, "e": 0.5, "k_b": 25, "c_b": 0.1, "omega": 1.8}

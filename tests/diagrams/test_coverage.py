@@ -70,6 +70,7 @@ def test_nothing_off_the_curves_on_other_lines(covered, held):
     assert met >= 3
 
 
+@pytest.mark.full
 def test_the_statement(covered, tmp_path):
     _, diagram = covered
     told, *others = diagram.coverage
@@ -85,6 +86,7 @@ def test_the_statement(covered, tmp_path):
     assert load_diagram(tmp_path) == diagram
 
 
+@pytest.mark.full
 def test_curves_of_doubled_orbits(covered):
     """One begins at the PD-G of Fig. 6(b); it belongs to no branch that a line meets by search."""
     _, diagram = covered
@@ -114,6 +116,7 @@ def test_branches_that_lines_switch_to():
     assert doubled[0].switched
 
 
+@pytest.mark.full
 def test_lines_follow_what_crosses_them_of_words_that_curves_alone_have_shown(covered):
     """Without `switch` the doubled orbit is known from curves that start at a PD-G alone."""
     _, diagram = covered
@@ -124,6 +127,7 @@ def test_lines_follow_what_crosses_them_of_words_that_curves_alone_have_shown(co
     assert "not searched for" in str(told)
 
 
+@pytest.mark.full
 def test_words_that_no_line_follows_are_not_said_to_be_complete(covered):
     _, diagram = covered
     (told,) = (c for c in diagram.coverage if c.notation == "1:1/2T")
@@ -147,6 +151,7 @@ def test_a_map_without_lines_says_what_it_did_not_look_for():
     assert "r = 0.5" in note
 
 
+@pytest.mark.full
 def test_the_page_remarks_on_coverage(covered):
     _, diagram = covered
     remarks = remarks_in(diagram.statistics, diagram.coverage)
@@ -154,6 +159,7 @@ def test_the_page_remarks_on_coverage(covered):
     assert {str(limit) for limit in diagram.limits} <= {*remarks}
 
 
+@pytest.mark.full
 def test_each_curve_once(covered):
     _, diagram = covered
     compared = 0

@@ -497,6 +497,7 @@ def test_what_comes_first_is_what_runs_say(fig6d):
     assert not [note for note in fig6d.statistics["notes"] if "no curve" in note]
 
 
+@pytest.mark.full
 def test_a_region_ends_where_the_curve_becomes_a_ghost(fig6d):
     """At r = 0.24956 a fold is born at the grazing, which the curve passes unstable: a run at
     r = 0.25 finds no real grazing. The point's own status is a matter of rounding."""
@@ -511,6 +512,7 @@ def test_a_region_ends_where_the_curve_becomes_a_ghost(fig6d):
     assert regions(flipped, "d", fig6d.checks) == found
 
 
+@pytest.mark.full
 def test_regions_without_a_run_say_so(fig6d):
     found = regions(fig6d.curves, "d")
     assert {region.said for region in found} == {"not checked by a run"}
@@ -519,6 +521,7 @@ def test_regions_without_a_run_say_so(fig6d):
         assert all("otherwise" in region.said for region in regions(fig6d.curves, "d", wrong))
 
 
+@pytest.mark.full
 def test_orbits_of_one_word_are_told_apart(fig6d):
     """At r = 0.5 a second 2:1 orbit grazes at d = 0.1327, above the doubling of the main one at
     0.1290, which a simulation meets; files without what runs say of orbits have one row."""
@@ -537,11 +540,13 @@ def test_orbits_of_one_word_are_told_apart(fig6d):
     ]
 
 
+@pytest.mark.full
 def test_checks_are_saved_and_read_back(fig6d, tmp_path):
     write_diagram(fig6d, tmp_path)
     assert load_diagram(tmp_path).checks == fig6d.checks
 
 
+@pytest.mark.full
 def test_branches_at_other_values_of_the_second_parameter_are_kept_and_belong_to_curves(fig6d):
     known = {entry.id for entry in fig6d.entries}
     assert all(curve.origin in known for curve in fig6d.curves)

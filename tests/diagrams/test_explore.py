@@ -131,6 +131,7 @@ def unphysical_at_start(limits):
     return follow(read_scene({**SMALL, **asked}))
 
 
+@pytest.mark.full
 def test_a_word_with_unphysical_orbits_at_the_start_is_looked_for_elsewhere():
     found = unphysical_at_start([0.2, 0.4])
     (stable,) = read(found).stable

@@ -64,6 +64,7 @@ def test_branches_and_simulation_are_one_answer(fig7):
     assert any("not surveyed" in note for note in fig7.notes)
 
 
+@pytest.mark.full
 def test_what_simulation_from_random_starts_meets_is_listed(fig7):
     """At values apart from those of the sweep, and from starts of its own."""
     rng = np.random.default_rng(5)
@@ -84,6 +85,7 @@ def test_without_simulation_complex_motion_is_not_known(diagram):
     assert "0.356895277 to 0.365318559: no attractor is known" in repr(found)
 
 
+@pytest.mark.full
 def test_the_crisis_is_the_end_of_the_complex_motion(diagram):
     rows = sweep(PAIR, "s", np.arange(0.3562, 0.3546, -0.0002).tolist())
     unstable = next(

@@ -110,6 +110,7 @@ def test_two_restitutions_and_a_fixed_clock():
     assert found.values == pytest.approx({"r_B": 0.3, "r_T": 0.35, "beta": PI / 6}, abs=1e-10)
 
 
+@pytest.mark.full
 def test_a_period_that_is_fitted():
     """Times of many laps move with the period, and with it the forcing's frequency."""
     orbit = ci.find_orbits(OSCILLATOR, "1", parameter="omega")[0]
@@ -171,6 +172,7 @@ def test_what_the_data_do_not_determine_is_named(two_one):
     assert not found.covers({"r": 0.3})
 
 
+@pytest.mark.full
 def test_a_limit_on_the_way_is_the_reason():
     """Impacts faster than any of these orbits has lead to a limit of r, and no further."""
     orbit = ci.find_orbits(OSCILLATOR, "1", parameter="r")[0]
@@ -187,6 +189,7 @@ def test_at_a_fold_errors_are_said_to_be_rough(two_one):
     assert any("they are rough" in note for note in found.notes)
 
 
+@pytest.mark.full
 def test_long_records_take_memory_in_proportion(two_one, beside):
     """Of 60,000 rows, deviations are those of 60 over the square root of 1000."""
     long = measured(two_one, laps=20000, noise=NOISE)

@@ -33,6 +33,7 @@ def found():
     return basin_fractions(PAIR, "s", [0.35, 0.3562, 0.36, 0.38, 0.4], starts=40)
 
 
+@pytest.mark.full
 def test_bands_are_motions_whatever_they_are_called(found):
     assert found.motions == ["2:1", "1:1/C, 1:1/2T, 1:1"]
     assert found.counts.sum(axis=1).tolist() == [40] * 5
@@ -77,6 +78,7 @@ def test_an_interruption_leaves_the_values_counted(monkeypatch):
         basin_fractions(PAIR, "s", [0.36], starts=3)
 
 
+@pytest.mark.full
 def test_fractions_are_those_of_a_hundred_thousand_starts():
     """Counted by a program of its own, in C, over 250 periods: 0.34799 of them lead to 2:1."""
     found = basin_fractions(PAIR, "s", [0.3562], starts=400)
@@ -85,6 +87,7 @@ def test_fractions_are_those_of_a_hundred_thousand_starts():
     assert low[0, k] < 0.34799 < high[0, k]
 
 
+@pytest.mark.full
 def test_intervals_are_exact(found):
     low, high = found.intervals
     for k, interval in zip(
@@ -214,6 +217,7 @@ def test_integrated_flights_are_refused_before_anything_is_simulated(tmp_path, c
     assert "sweep" not in said
 
 
+@pytest.mark.full
 def test_bands_are_drawn_below_the_diagram(found):
     ax = plot_sweep(sweep(PAIR, "s", [0.4, 0.38, 0.36]), x="d", fractions=found.shares)
     upper, lower = ax.figure.axes

@@ -53,6 +53,7 @@ def from_manifold(orbit, saddle, sizes):
     return best
 
 
+@pytest.mark.full
 def test_the_distance_is_that_of_the_stable_manifold():
     orbits = physical()
     orbit, saddle = (next(o for o in orbits if o.stable is stable) for stable in (True, False))

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 
 from contimpact.simulation.settle import settle
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.impact_pair import ImpactPair
 
 
+@pytest.mark.full
 def test_a_motion_that_passes_a_cycle_does_not_settle_on_it():
     """Just beyond a grazing of 3:1, where windows of period adding overlap."""
     pair = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.25646119172420084)

@@ -173,6 +173,7 @@ def test_several_that_are_rounding_are_unknown():
     assert logs.tolist() == pytest.approx([1.0, math.nan, 0.0, math.nan], nan_ok=True)
 
 
+@pytest.mark.full
 def test_tables_and_pictures_say_what_is_lost():
     orbit = stiff(15.0)
     sweep = Sweep(orbit.model, "a", [Row("up", 40.0, told(orbit))])

@@ -485,6 +485,7 @@ def _bodies(rest, gap_speed):
     return [x2 - 1.0, x2], [v2 - gap_speed, v2]
 
 
+@pytest.mark.full
 def test_a_guard_on_a_velocity():
     """SymPy says of a sum and of its negative that a sign can be extracted."""
     table = {
