@@ -281,6 +281,10 @@ APART = 2.5
 FRACTIONS = (0.5, 0.4, 0.6, 0.25, 0.75, 0.1, 0.9)
 GAPS = (2.5, 6.0, 11.0, 17.0)
 """Where a name is tried: along a stretch, and how far from its curve, in points."""
+TOO_MUCH = 4.0
+"""What speaks against a place, at or above which a name is left out."""
+LOWER = 0.3
+"""What speaks against the next curve of a stretch."""
 HALO = [withStroke(linewidth=1.6, foreground="white")]
 
 
@@ -308,7 +312,7 @@ def name_orbits(ax: Any, pieces: Sequence[Piece]) -> int:
             if box[0] > 0 and box[1] > 0 and box[2] < size[0] and box[3] < size[1]
         ]
         cost, box = min(tried, default=(np.inf, (0.0,) * 4))
-        if cost >= 4.0:
+        if cost >= TOO_MUCH:
             left_out += 1
             continue
         taken.append(box)
@@ -349,13 +353,13 @@ def _places(
     curves: Sequence[Array], wide: float
 ) -> Iterator[tuple[tuple[float, float, float, float], float]]:
     """Boxes beside the curves of a stretch, and what speaks against each."""
-    for number, curve in enumerate(curves):
+    for number, curve in enumerate(curves[: round(TOO_MUCH / LOWER)]):
         for fraction in FRACTIONS:
             x, y = curve[round(fraction * (len(curve) - 1))]
             for gap in GAPS:
                 for low in (y + gap, y - gap - HEIGHT):
                     box = (x - wide / 2, low, x + wide / 2, low + HEIGHT)
-                    against = 0.3 * number + 0.05 * gap + 0.5 * abs(fraction - 0.5)
+                    against = LOWER * number + 0.05 * gap + 0.5 * abs(fraction - 0.5)
                     yield box, against + (0.2 if low < y else 0.0)
 
 
