@@ -11,6 +11,7 @@ method on the bordered matrix
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -418,11 +419,16 @@ class Arc:
         """Its length along the branch."""
         return self.right.arclength - self.left.arclength
 
+    @functools.cached_property
+    def chord(self) -> Array:
+        """From its left end to its right end."""
+        return self.right.unknowns - self.left.unknowns
+
     def at(self, fraction: float) -> Point | None:
         """Return the point of the branch at a fraction of the way, or None if it is not reached."""
-        chord = self.right.unknowns - self.left.unknowns
         guess = hermite(self.left, self.right, self.span, fraction)
-        result = correct(self.problem, guess, chord / self.scale**2, self.scale, self.settings)
+        row = self.chord / self.scale**2
+        result = correct(self.problem, guess, row, self.scale, self.settings)
         if result.evaluation is None:
             return None
         return self.point(result.evaluation, result.iterations)
@@ -435,14 +441,21 @@ class Arc:
             return None
         return Point(here, self.left.tangent, np.nan, self.left.arclength + fraction * self.span, 0)
 
-    def point(self, evaluation: Evaluation, iterations: int) -> Point | None:
-        """Return an evaluation as a point of this arc, None where it has no tangent."""
-        travelled = self.fraction(evaluation.unknowns) * self.span
-        return point_after(self.left, evaluation, iterations, self.scale, travelled)
+    def point(
+        self, evaluation: Evaluation, iterations: int, fraction: float | None = None
+    ) -> Point | None:
+        """Return an evaluation as a point of this arc, None where it has no tangent.
+
+        `fraction` is that of its unknowns, if it is known.
+        """
+        if fraction is None:
+            fraction = self.fraction(evaluation.unknowns)
+        return point_after(self.left, evaluation, iterations, self.scale, fraction * self.span)
 
     def event_point(self, evaluation: Evaluation, iterations: int) -> Point:
         """As `point`; at a branch point, where there is none, with a tangent between the ends'."""
-        point, fraction = self.point(evaluation, iterations), self.fraction(evaluation.unknowns)
+        fraction = self.fraction(evaluation.unknowns)
+        point = self.point(evaluation, iterations, fraction)
         between = (1.0 - fraction) * self.left.tangent + fraction * self.right.tangent
         between /= length(between, self.scale)
         if point is not None:
@@ -461,10 +474,8 @@ class Arc:
 
     def fraction(self, unknowns: Array) -> float:
         """Return how far along the chord a point lies: 0 at the left end, 1 at the right end."""
-        chord = self.right.unknowns - self.left.unknowns
-        return inner_product(unknowns - self.left.unknowns, chord, self.scale) / inner_product(
-            chord, chord, self.scale
-        )
+        along = inner_product(unknowns - self.left.unknowns, self.chord, self.scale)
+        return along / inner_product(self.chord, self.chord, self.scale)
 
     def halves(self, middle: Point) -> tuple[Arc, Arc]:
         """Return the arcs on both sides of a point between."""
@@ -477,7 +488,7 @@ class Arc:
         on another branch, the two sides stay apart or no point is reached between them.
         """
         left, right, a, b = self.left, self.right, 0.0, 1.0
-        chord = length(right.unknowns - left.unknowns, self.scale)
+        chord = length(self.chord, self.scale)
         while b - a > CLOSEST_BRANCHES:
             middle = self.at(0.5 * (a + b))
             if middle is None:
@@ -492,9 +503,8 @@ class Arc:
 
     def holds(self, unknowns: Array) -> bool:
         """Whether a point lies on the branch between both ends, within a step of the chord."""
-        chord = self.right.unknowns - self.left.unknowns
         fraction = self.fraction(unknowns)
-        off = unknowns - self.left.unknowns - fraction * chord
+        off = unknowns - self.left.unknowns - fraction * self.chord
         slack = 1e-9
-        near = length(off, self.scale) <= 0.5 * length(chord, self.scale) + slack
+        near = length(off, self.scale) <= 0.5 * length(self.chord, self.scale) + slack
         return near and -slack <= fraction <= 1.0 + slack

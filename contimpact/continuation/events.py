@@ -317,7 +317,10 @@ def find_events(
     least = UNSURE * float(np.fmax(abs(arc.left.orientation), abs(arc.right.orientation)))
     search = _Search(list(tests), [len(values) for values in stretch.left.values], least)
     search.on(arc, stretch, 0)
-    return order_events(_place_event(event, arc) for event in search.events), search.missed
+    events = search.events
+    if search.cuts:
+        events = [_place_event(event, arc) for event in events]
+    return order_events(events), search.missed
 
 
 def _place_event(event: Event, arc: Arc) -> Event:

@@ -15,6 +15,7 @@ import functools
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -41,6 +42,9 @@ THRICE, DIPS, ENDS = 1, 2, 3
 """Findings of `suspect_values`: a value that changes sign and may do so thrice, one that may do so
 twice, and one that may do so where it begins or ends."""
 
+Suspects: TypeAlias = tuple[Array, Array]
+"""Findings, and where to look, as `suspect_values` returns them."""
+
 
 @dataclass(frozen=True, eq=False)
 class Sample:
@@ -63,6 +67,8 @@ class Stretch:
     right: Sample
     before: Sample | None = None
     after: Sample | None = None
+    known: Suspects | None = None
+    """`suspects`, where they have been found."""
 
     def cut(self, middle: Sample) -> tuple[Stretch, Stretch]:
         """Return the stretches on both sides of a point between."""
@@ -71,8 +77,10 @@ class Stretch:
             Stretch(middle, self.right, self.left, self.after),
         )
 
-    def suspects(self) -> tuple[Array, Array]:
+    def suspects(self) -> Suspects:
         """Return which values may change sign unseen, and where to look; see `suspect_values`."""
+        if self.known is not None:
+            return self.known[0].copy(), self.known[1].copy()
         left, right, before, after = self.left, self.right, self.before, self.after
         none = np.full(len(left.flat), np.nan)
         a, d = (none if end is None else end.flat for end in (before, after))
@@ -102,7 +110,7 @@ class Stretch:
 
     def one_sided(self) -> tuple[Stretch, Stretch]:
         """Return the stretch without the point after it, and without the one before."""
-        return replace(self, after=None), replace(self, before=None)
+        return replace(self, after=None, known=None), replace(self, before=None, known=None)
 
 
 def crosses(left: Array, right: Array) -> Array:
@@ -121,7 +129,7 @@ def crossings(left: Array, right: Array) -> list[int]:
 
 def suspect_values(
     a: Array, b: Array, c: Array, d: Array, behind: Number, ahead: Number, beyond: Number
-) -> tuple[Array, Array]:
+) -> Suspects:
     """Return which values may change sign unseen between b and c, and where to look.
 
     Parameters
@@ -226,20 +234,21 @@ class Samples:
             return None
         return Sample(float(self.arclengths[i]), self.split(self.values[i]))
 
-    def stretch(self, i: int) -> Stretch:
+    def stretch(self, i: int, known: Suspects) -> Stretch:
         """Return those around the step to point i of the P."""
         left, right = self.at(i + 1), self.at(i + 2)
         assert left is not None
         assert right is not None
-        return Stretch(left, right, self.at(i), self.at(i + 3))
+        return Stretch(left, right, self.at(i), self.at(i + 3), known)
 
-    def noteworthy(self) -> list[int]:
+    def noteworthy(self) -> dict[int, Suspects]:
         """Return before which of the P points events lie or may lie unseen."""
         return noteworthy_points(self.values, self.arclengths)
 
 
-def noteworthy_points(values: Array, arclengths: Array) -> list[int]:
-    """Return before which points, from the third one on, events lie or may lie unseen.
+def noteworthy_points(values: Array, arclengths: Array) -> dict[int, Suspects]:
+    """Return before which points, from the third one on, events lie or may lie unseen, in order,
+    and what is suspected there.
 
     Parameters
     ----------
@@ -247,7 +256,7 @@ def noteworthy_points(values: Array, arclengths: Array) -> list[int]:
         Test functions.
     """
     if not values.shape[1]:
-        return []
+        return {}
     lengths = np.diff(arclengths)
     with np.errstate(all="ignore"):
         rates = np.abs(np.diff(values, axis=0)) / lengths[:, None]
@@ -262,10 +271,16 @@ def noteworthy_points(values: Array, arclengths: Array) -> list[int]:
     nothing = np.isnan(values[1:-1]) & np.isnan(values[2:])
     rows, columns = np.nonzero(~(quiet | nothing))
     if not len(rows):
-        return []
+        return {}
     a, b, c = (values[rows + i, columns] for i in range(3))
     after = np.vstack([values, np.full((1, values.shape[1]), np.nan)])
     beyond = np.append(lengths, 1.0)
     given = a, b, c, after[rows + 3, columns], lengths[rows], lengths[rows + 1], beyond[rows + 2]
-    found, _ = suspect_values(*given)
-    return sorted(set(rows[crosses(b, c) | (found > 0)].tolist()))
+    found, places = suspect_values(*given)
+    noted = {}
+    for row in np.unique(rows[crosses(b, c) | (found > 0)]).tolist():
+        whole = np.zeros(values.shape[1], dtype=found.dtype), np.full(values.shape[1], MIDDLE)
+        here = rows == row
+        whole[0][columns[here]], whole[1][columns[here]] = found[here], places[here]
+        noted[row] = whole
+    return noted

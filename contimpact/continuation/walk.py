@@ -604,13 +604,14 @@ class _Walker:
         """
         new = Points([piece])
         seen = self.tested(piece, new, ending)
-        marked = set(seen.noteworthy())
+        marked = seen.noteworthy()
         done = 0
-        for i in range(len(new)) if self.watched else sorted(marked):
+        for i in range(len(new)) if self.watched else marked:
             self.points.extend(piece, done, i)
             point = new[i]
             asked = self.callback is not None and self.callback(point)
-            found = self.events_before(point, seen.stretch(i), ending) if i in marked else []
+            around = seen.stretch(i, marked[i]) if i in marked else None
+            found = self.events_before(point, around, ending) if around is not None else []
             self.points.extend(piece, i, i + 1)
             done = i + 1
             if self.stop is not None and (stopped := self.stop(point, found)):
