@@ -12,6 +12,7 @@ from algebraic import EPSILON, Values
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from contimpact.continuation import sign_changes
 from contimpact.continuation.branch import (
     Event,
     Location,
@@ -23,7 +24,15 @@ from contimpact.continuation.branch import (
 from contimpact.continuation.corrector import Arc, point_after
 from contimpact.continuation.events import find_events
 from contimpact.continuation.settings import Settings
-from contimpact.continuation.sign_changes import DIPS, Sample, Stretch, crossings, suspect_values
+from contimpact.continuation.sign_changes import (
+    DIPS,
+    Sample,
+    Samples,
+    Stretch,
+    crosses,
+    crossings,
+    suspect_values,
+)
 from contimpact.continuation.walk import walk
 
 
@@ -528,3 +537,32 @@ def test_a_smallest_value_vanishes_if_its_size_does(values, vanishes):
     before, left, right, after = velocities(*enumerate(values))
     found = Stretch(left, right, before, after).vanishing(slice(0, 1))
     assert found.tolist() == [vanishes]
+
+
+def test_a_step_may_hide_what_its_batch_has_found(monkeypatch):
+    """Of random test functions, some without values here and there: the search of a batch finds
+    before each point what the step there alone does, which is then not asked again."""
+    random = np.random.default_rng(5)
+    noted = 0
+    for _ in range(20):
+        steps = np.cumsum(random.uniform(0.1, 1.0, 12))
+        values = random.normal(size=(12, 5)).cumsum(axis=0) + random.normal(0.0, 2.0, 5)
+        values[random.uniform(size=values.shape) < 0.1] = np.nan
+        if random.uniform() < 0.3:
+            steps[0] = np.nan  # there is no point before
+        samples = Samples(steps, values, [2, 3])
+        found = samples.noteworthy()
+        for i in range(10):
+            around = [samples.at(i + k) for k in (1, 2, 0, 3)]
+            alone, places = Stretch(*around).suspects()
+            if i not in found:
+                assert not alone.any()
+                assert not crosses(around[0].flat, around[1].flat).any()
+                continue
+            noted += 1
+            with monkeypatch.context() as patch:
+                patch.delattr(sign_changes, "suspect_values")
+                known, where = samples.stretch(i, found[i]).suspects()
+            assert known.tolist() == alone.tolist()
+            assert where[alone > 0].tolist() == places[alone > 0].tolist()
+    assert noted > 60
