@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -37,50 +37,79 @@ def contacts_of(here: Linearisation, model: Model) -> list[Contact]:
     problem, z = here.problem, here.unknowns
     word = problem.word.walls
     places = dict(zip(model.letters, problem.kernels.setup(*problem.values(z)).walls, strict=True))
-    flights = [
-        k
-        for k, (one, other) in enumerate(pairwise(word + word[:1]))
-        if _is_contact(model, one, other) and places[one] == places[other]
-    ]
-    if not flights:
+    contacts = _contacts(model, word, places)
+    if not contacts:
         return []
     speeds = problem.impacts(z)[:, 1].tolist()
-    depths = np.zeros(len(flights))
+    depths = np.zeros(len(contacts))
     for degree in DEGREES:
-        before, depths = depths, _depths(here, model, flights, places, degree)
+        before, depths = depths, _depths(here, model, contacts, places, degree)
         if (abs(depths - before) <= 1e-14 * abs(depths)).all():
             break
     found = []
-    for k, depth, error in zip(
-        flights, depths.tolist(), abs(depths - before).tolist(), strict=True
+    for flights, depth, error in zip(
+        contacts, depths.tolist(), abs(depths - before).tolist(), strict=True
     ):
-        begin, end = problem.times_around(z, k)
-        arriving, leaving = speeds[k], speeds[(k + 1) % len(word)]
+        first, last = flights[0], flights[-1]
+        duration = sum(end - begin for begin, end in map(partial(problem.times_around, z), flights))
+        begin, _ = problem.times_around(z, first)
+        arriving, leaving = speeds[first], speeds[(last + 1) % len(word)]
         ratio = -leaving / arriving if arriving else np.nan
-        found.append(Contact(word[k], begin, end - begin, depth, abs(arriving), ratio, error))
+        found.append(Contact(word[first], begin, duration, depth, abs(arriving), ratio, error))
     return found
 
 
-def _is_contact(model: Model, one: str, other: str) -> bool:
-    """Whether a guard leads from the first mode into one that another ends on the way back."""
-    begin, end = model.guard(one), model.guard(other)
-    back = (end.coordinate, end.side) == (begin.coordinate, -begin.side)
-    leads = begin.next_mode in end.modes and begin.next_mode != model.first_mode
-    return back and leads and model.first_mode in begin.modes
+def _contacts(model: Model, word: str, places: dict[str, float]) -> list[list[int]]:
+    """The flights of each contact.
+
+    It begins at a guard that leads away from the first mode, or from those that guards on other
+    coordinates lead to from there, and ends at the next guard on its coordinate, if that is the
+    same surface on the way back. What can slide on its surface is in no contact there.
+    """
+    found, switching = [], {guard.coordinate for guard in model.WALLS if guard.past}
+    for k, letter in enumerate(word):
+        begin = model.guard(letter)
+        if begin.coordinate in switching:
+            continue
+        outside = _modes_around(model, begin.coordinate)
+        if begin.next_mode in outside or outside.isdisjoint(begin.modes):
+            continue
+        for n in range(1, len(word) + 1):
+            end = model.guard(word[(k + n) % len(word)])
+            if end.coordinate == begin.coordinate:
+                if end.side == -begin.side and places[end.name] == places[letter]:
+                    found.append([(k + i) % len(word) for i in range(n)])
+                break
+    return found
+
+
+def _modes_around(model: Model, coordinate: int | tuple[float, ...]) -> set[str]:
+    """The first mode, and those reached from it by guards on other coordinates."""
+    found, more = set[str](), {model.first_mode}
+    while more:
+        found |= more
+        others = (g for g in model.WALLS if g.coordinate != coordinate)
+        more = {g.next_mode for g in others if found & {*g.modes}} - found
+    return found
 
 
 def _depths(
-    here: Linearisation, model: Model, flights: list[int], places: dict[str, float], degree: int
+    here: Linearisation,
+    model: Model,
+    contacts: list[list[int]],
+    places: dict[str, float],
+    degree: int,
 ) -> Array:
     """The greatest distances beyond the surfaces, from polynomials of a degree."""
     word = here.problem.word.walls
     parts = (1.0 - np.cos(np.pi * np.arange(degree + 1) / degree)) / 2.0
     motion = np.reshape(motion_of(here, parts).x, (len(word), degree + 1, -1))
     found = []
-    for k in flights:
-        guard = model.guard(word[k])
+    for flights in contacts:
+        guard = model.guard(word[flights[0]])
         row = np.array(guard.row(model.DEGREES_OF_FREEDOM), dtype=float)
-        found.append(_greatest(parts, guard.side * (motion[k] @ row - places[guard.name])))
+        beyond = (guard.side * (motion[k] @ row - places[guard.name]) for k in flights)
+        found.append(max(_greatest(parts, values) for values in beyond))
     return np.array(found)
 
 

@@ -21,16 +21,26 @@ oscillator, a ball under no other force leaves with r times its velocity, whatev
 
 Contact begins at B or T and ends, at b or t, where the membrane is flat again, as is usual for
 these laws: at its end the damper pulls.
+
+With dry friction on the incline, which presses on the ball with :math:`mg\cos\beta` whatever the
+membranes do, :math:`\ddot Z` has the term :math:`-\phi\,\mathrm{sign}\,\dot Z`, in contact, too,
+
+.. math:: \phi = \frac{M}{A m_*}\,\mu m g\cos\beta = \frac{\mu (m+M) g\cos\beta}{A},
+
+and the ball sticks where :math:`\dot Z = 0` and no more than phi is needed to hold it: each of
+the three laws has a surface on which it slides, in Filippov's sense.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, cast
+from dataclasses import replace
+from typing import Any, ClassVar, Self, cast
 
 from ..errors import InputError, short_repr
 from ..models.model import Acceleration, Formulas, Guard, Harmonics, Mode, Parameter, Symmetry
+from ..models.switching import ABOVE, BELOW, SLIDING, switching_guards, switching_modes
 from .impact_pair import ImpactPair
 from .membrane import Membrane
 
@@ -61,6 +71,9 @@ class SoftPair(ImpactPair):
     membrane : str
         ``"linear"`` or ``"power"``: the second unless nu is 1. To follow nu from 1 on, say
         ``"power"``.
+    mu : float, default 0
+        Coefficient of dry friction. Unless it is 0 the pair is a `FrictionalSoftPair`, which has
+        more modes and letters.
     """
 
     SYSTEM = "soft-pair"
@@ -85,7 +98,14 @@ class SoftPair(ImpactPair):
         Parameter("delta_0", "m", "the deflection of linear force", 1e-4, 0, above_lower=True),
     )
 
+    def __new__(cls, /, **given: Any) -> Self:
+        """Return a pair with friction where mu is given: it has other modes."""
+        frictional = cls is SoftPair and given.get("mu", 0.0) != 0.0
+        return object.__new__(FrictionalSoftPair if frictional else cls)  # type: ignore[return-value]
+
     def __init__(self, /, **given: Any) -> None:
+        if type(self) is SoftPair and "mu" in given:
+            del given["mu"]  # it is 0
         law = LINEAR if given.get("nu", 1.0) == 1.0 else POWER
         super().__init__(**{"membrane": law} | given)
 
@@ -169,3 +189,125 @@ class SoftPair(ImpactPair):
 
         motion = Nonlinear(law)
         return motion.flight, motion.acceleration
+
+
+DOWN, STICK, UP = "down", "stick", "up"
+MOTIONS = {BELOW: UP, SLIDING: STICK, ABOVE: DOWN}
+"""What the modes of a surface are called where the velocity is the distance from it."""
+ZONES = {"free": "SPARCD", "bottom": "sparcd", "top": "kmnluw"}
+"""The letters at which the ball stops, or begins to move, where it is free and on each membrane: in
+the place of those of `switching_guards`, in their order, S, P, A, B, C and D."""
+
+
+def _zone(name: str, letters: str) -> tuple[list[Mode], list[Guard]]:
+    """The modes and guards of a surface at the velocity zero, by other names."""
+    modes = {m.name: replace(m, name=f"{name} {MOTIONS[m.name]}") for m in switching_modes(2)}
+    own = {g.name: letter for g, letter in zip(switching_guards(1), letters, strict=True)}
+    guards = [
+        replace(
+            guard,
+            name=own[guard.name],
+            mode=modes[guard.modes[0]].name,
+            to=modes[guard.next_mode].name,
+            past=own.get(guard.past, ""),
+        )
+        for guard in switching_guards(1)
+    ]
+    return list(modes.values()), guards
+
+
+PARTS = [_zone(name, letters) for name, letters in ZONES.items()]
+
+
+class FrictionalSoftPair(SoftPair):
+    """A soft pair with dry friction on the incline: the ball sticks and slips.
+
+    `SoftPair` is this where it is given mu. Its coordinates are Z and its velocity, both of first
+    order; in stick the second is what holds the ball, as a part of the greatest friction.
+
+    Parameters
+    ----------
+    mu : float
+        Coefficient of friction, above 0.
+    **given
+        As of `SoftPair`.
+    """
+
+    DEGREES_OF_FREEDOM = 2
+    MODES = (*sorted(PARTS[0][0], key=lambda m: m.name), *PARTS[1][0], *PARTS[2][0])
+    WALLS = (
+        Guard("B", side=+1, mode=f"free {DOWN}", to=f"bottom {DOWN}"),
+        Guard("T", side=-1, mode=f"free {UP}", to=f"top {UP}"),
+        Guard("b", side=-1, mode=f"bottom {UP}", to=f"free {UP}"),
+        Guard("t", side=+1, mode=f"top {DOWN}", to=f"free {DOWN}"),
+        *(guard for _, guards in PARTS for guard in guards),
+    )
+    GEOMETRY = None
+    PARAMETERS = (
+        *SoftPair.PARAMETERS,
+        Parameter("mu", "", "the friction coefficient", None, 0, above_lower=True),
+    )
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """The names of the coordinates."""
+        return "Z", "V"
+
+    def validate(self) -> None:
+        """Refuse a ball that does not press on the incline."""
+        super().validate()
+        if self.values["g"] == 0 or abs(self.values["beta"]) == math.pi / 2:
+            found = "the ball does not press on the incline"
+            raise InputError("mu", found, "leave it out: there is no friction")
+
+    def symmetry(self, parameter: str, harmonics: Sequence[float]) -> Symmetry | None:
+        """That of the pair, with up for down."""
+        found = super().symmetry(parameter, harmonics)
+        if found is None:
+            return None
+        (S, P, A, B, C, D), bottom, top = ZONES.values()
+        turned = {S: B, B: S, P: A, A: P, C: D, D: C}
+        there = dict(zip((S, P, A, B, C, D), top, strict=True))
+        across = {own: there[turned[o]] for o, own in zip(there, bottom, strict=True)}
+        back = {other: own for own, other in across.items()}
+        return Symmetry({**found.walls, **turned, **across, **back}, found.shift, found.sign)
+
+    def formulas(self, symbols: Mapping[str, Any]) -> Formulas:
+        """The laws of the soft pair, each with friction either way, and sliding between."""
+        import sympy
+
+        from ..models.filippov import Filippov
+
+        soft = super().formulas(symbols)
+        laws = cast(Mapping[str, Acceleration], soft.acceleration)
+        mu, m, M, g, beta, A = (symbols[name] for name in ("mu", "m", "M", "g", "beta", "A"))
+        most = mu * (m + M) * g * sympy.cos(beta) / A
+
+        def moving(law: Acceleration, friction: Any) -> Any:
+            return lambda t, x: [x[1], law(t, x[:1], x[1:])[0] + friction]
+
+        flights, accelerations, jumps = {}, {}, {}
+        walls = dict(soft.walls)
+        for (zone, letters), law in zip(ZONES.items(), laws.values(), strict=True):
+            sides = moving(law, most), moving(law, -most)
+            found = Filippov(*sides, (0, 1), 0, soft.period).formulas()
+            flights |= {f"{zone} {MOTIONS[n]}": f for n, f in found.flight.items()}
+            accelerations |= {f"{zone} {MOTIONS[n]}": a for n, a in found.acceleration.items()}
+            named = zip(letters, found.walls, strict=True)
+            jumps |= {own: (found.jump, letter) for own, letter in named}
+            walls |= dict(zip(letters, found.walls.values(), strict=True))
+
+        def jump(guard: str, x: Sequence[Any], v: Sequence[Any]) -> tuple[list[Any], list[Any]]:
+            if guard not in jumps:
+                return list(x), []
+            at, letter = jumps[guard]
+            return at(letter, x, v)
+
+        return Formulas(
+            period=soft.period,
+            walls=walls,
+            derived=soft.derived,
+            jump=jump,
+            flight=flights,
+            acceleration=accelerations,
+        )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -23,7 +24,7 @@ from contimpact.segments.kernels import Kernels
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.membrane import Membrane
-from contimpact.systems.soft_pair import SoftPair
+from contimpact.systems.soft_pair import FrictionalSoftPair, SoftPair
 
 FIG7 = {"beta": math.pi / 6, "A": 5.0, "s": 0.45}
 RIGID = FIG7 | {"r": 0.3}
@@ -56,14 +57,18 @@ def solved(model, parameter="s"):
         half = p["omega"] * math.sqrt(p["m"] / k) if p["nu"] == 1 else 0.045
         rows += [(t, v), (t + half, -r * v)]
     problem = OrbitProblem(model, Word("BbTt"), Kernels(model, parameter))
-    z = np.append(np.ravel(rows), p[parameter])
-    for _ in range(20):
-        here = problem.evaluate(z)
-        z[:-1] -= np.linalg.solve(here.jacobian[:, :-1], here.residual)
-    orbit = Orbit(problem, problem.evaluate(z))
+    orbit = improved(problem, np.append(np.ravel(rows), p[parameter]))
     assert orbit.residual < 1e-12
     assert orbit.physical
     return orbit
+
+
+def improved(problem, z):
+    """An orbit by Newton's method."""
+    for _ in range(20):
+        here = problem.evaluate(z)
+        z[:-1] -= np.linalg.solve(here.jacobian[:, :-1], here.residual)
+    return Orbit(problem, problem.evaluate(z))
 
 
 class Bodies:
@@ -238,6 +243,8 @@ def test_symmetric_at_level():
         ({"nu": 2.0, "membrane": "linear"}, "nu"),
         ({"membrane": "rubber"}, "membrane"),
         ({"r": 0.0}, "a number above 0, at most 1"),
+        ({"mu": -0.1}, "a number > 0"),
+        ({"mu": 0.1, "beta": math.pi / 2}, "does not press"),
         ({"r": 1.0, "k": 1.0, "m": 1.0, "M": 1.0, "omega": math.sqrt(2.0)}, "resonance"),
     ],
 )
@@ -284,3 +291,155 @@ def test_where_mechanism_1_begins():
         found = continue_orbit(softer, "s", (0.24, 0.27), events=["FB", "PD", "V"])
         assert [e.kind for e in found.events if not e.ghost].count("FB") == folds
         assert folds or found.events[-1].stable
+
+
+# With dry friction on the incline.
+
+LETTERS = {"": "SPARCD", "B": "sparcd", "T": "kmnluw"}
+"""Stops rising, begins to rise, to fall, stops falling, turns to fall, to rise; by the membrane."""
+
+
+class RubbedBodies(Bodies):
+    """The two with friction between them, integrated from event to event: no word is given."""
+
+    def __init__(self, model):
+        super().__init__(model)
+        p = self.p
+        self.most = p["mu"] * p["m"] * p["g"] * math.cos(p["beta"])
+
+    def rates(self, tau, state, membrane, sign):
+        """`sign` is that of the relative velocity V - v; 0 where the ball sticks."""
+        rates = super().rates(tau, state, membrane)
+        held = (rates[1] - rates[3]) * self.reduced
+        push = sign * self.most if sign else held
+        rates[1] -= push / self.p["M"]
+        rates[3] += push / self.p["m"]
+        return rates
+
+    def held(self, tau, state, membrane):
+        """The friction that keeps the relative velocity."""
+        rates = super().rates(tau, state, membrane)
+        return (rates[1] - rates[3]) * self.reduced
+
+    def follow(self, orbit, periods=1):
+        """Letters, times and relative velocities in the pair's units from the first contact on."""
+        p = self.p
+        clock = math.pi / p["omega"]
+        unit = p["A"] * clock**2 / p["M"]
+        assert orbit.word.walls[0] == "B"
+        state = np.array([0.0, 0.0, -p["s"] / 2, -orbit.velocities[0] * unit / clock])
+        tau, end = orbit.times[0] * clock, (orbit.times[0] + 2.0 * periods) * clock
+        membrane, sign, found = "B", 1, []
+        while True:
+            if sign:
+                side = {"": sign, "B": 1, "T": -1}[membrane]
+                events = [lambda t, y, *given: y[1] - y[3]]
+                if not (membrane and sign == side):
+                    events.append(lambda t, y, *given, side=side: y[0] - y[2] - side * p["s"] / 2)
+                for event, way in zip(events, (-sign, sign), strict=False):
+                    event.terminal, event.direction = True, way
+            else:
+                events = [
+                    lambda t, y, at, _: self.held(t, y, at) - self.most,
+                    lambda t, y, at, _: self.held(t, y, at) + self.most,
+                ]
+                for event, way in zip(events, (1, -1), strict=True):
+                    event.terminal, event.direction = True, way
+            options = {"method": "DOP853", "rtol": 3e-14, "atol": 1e-15, "max_step": clock / 50}
+            span, given = (tau, end + 1e-9), (membrane, sign)
+            flight = solve_ivp(self.rates, span, state, events=events, args=given, **options)
+            if flight.status == 0:
+                return found
+            tau, state = flight.t[-1], flight.y[:, -1]
+            stops, begins_up, begins_down, rests, to_down, to_up = LETTERS[membrane]
+            if not sign:
+                sign = 1 if len(flight.t_events[0]) else -1
+                letter = begins_down if sign > 0 else begins_up
+            elif len(flight.t_events[-1]) and len(events) > 1:
+                letter = ("B" if sign > 0 else "T") if not membrane else membrane.lower()
+                membrane = letter if letter in "BT" else ""
+            else:
+                held = self.held(tau, state, membrane)
+                came, sign = sign, 0 if abs(held) < self.most else (1 if held > 0 else -1)
+                ways = (rests, to_up) if came > 0 else (stops, to_down)
+                letter = ways[sign != 0]
+                state[1] = state[3] = 0.5 * (state[1] + state[3])
+            found.append((letter, tau / clock, (state[1] - state[3]) * clock / unit))
+
+
+def simulated(word, impacts, **changes):
+    """An orbit that a motion comes to, by Newton's method from there."""
+    model = soft_pair(**changes)
+    simulator = Simulator(model)
+    run = simulator.run(simulator.state("B", 0.3, 0.4, [0.4, 0.5]), impacts=impacts)
+    k = run.word.rindex(word)
+    lap = slice(k, k + len(word))
+    times, periods = run.times[lap], round((run.times[k] - run.times[k - len(word)]) / 2.0)
+    rows = np.column_stack([times - 2.0 * (times[0] // 2.0), run.velocities[lap], run.others[lap]])
+    problem = OrbitProblem(model, Word(word, periods), Kernels(model, "s"))
+    return improved(problem, np.append(np.ravel(rows), model["s"]))
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(
+    ("word", "changes", "zeros"),
+    [
+        ("BdbTut", {"mu": 0.02}, 2),
+        ("BdbCRPTut", {"mu": 0.2, "k": 500.0, "s": 0.3692}, 3),
+        ("BdspbCBdbC", {"mu": 0.6, "A": 2.0, "s": 0.2, "k": 500.0}, 3),
+        ("BdcrpbSA", {"mu": 0.3, "A": 1.0, "s": 0.1}, 3),
+    ],
+    ids=["slips", "sticks", "sticks on a membrane", "sticks on both"],
+)
+def test_two_bodies_with_friction(word, changes, zeros):
+    """Letters, times and velocities at contacts; each direction that sticking takes is zero."""
+    orbit = simulated(word, 50, **changes)
+    assert orbit.physical
+    found = RubbedBodies(orbit.model).follow(orbit, orbit.word.period)
+    letters, times, speeds = zip(*found, strict=True)
+    assert "".join(letters) == word[1:] + word[0]
+    assert times[:-1] == pytest.approx(orbit.times[1:], abs=1e-10)
+    assert times[-1] == pytest.approx(orbit.times[0] + 2.0 * orbit.word.period, abs=1e-10)
+    at = [k for k, letter in enumerate(letters) if letter in "BbTt"]
+    assert np.array(speeds)[at] == pytest.approx(np.roll(orbit.velocities, -1)[at], abs=1e-10)
+    assert np.count_nonzero(orbit.multipliers == 0.0) == zeros
+    for contact in orbit.contacts:
+        assert contact.wall in "BT"
+        k = int(np.argmin(abs(orbit.times - contact.time)))
+        last = word.index(contact.wall.lower(), k)
+        assert contact.duration == pytest.approx(orbit.times[last] - orbit.times[k], rel=1e-12)
+        assert contact.restitution == pytest.approx(-orbit.velocities[last] / orbit.velocities[k])
+    assert len(orbit.contacts) == sum(word.count(letter) for letter in "BT")
+
+
+@pytest.mark.full
+def test_little_friction():
+    """The difference from the pair without friction is linear in mu."""
+    without = solved(soft_pair())
+    plain = np.array([without.times, without.velocities])
+    orbit, off = simulated("BdbTut", 50, mu=0.02), []
+    for mu in (2e-4, 1e-4):
+        branch = continue_orbit(orbit, "mu", (mu, 0.02), events=[])
+        end = branch.orbit(0)
+        assert end.model["mu"] == mu
+        at = [0, 2, 3, 5]
+        off.append(np.array([end.times[at], end.velocities[at]]) - plain)
+    assert np.max(abs(off[1])) > 1e-6
+    assert np.max(abs(off[0] - 2.0 * off[1])) < 1e-2 * np.max(abs(off[1]))
+
+
+def test_friction_has_its_own_modes():
+    assert type(soft_pair()) is type(soft_pair(mu=0.0)) is SoftPair
+    assert soft_pair() == soft_pair(mu=0.0)
+    rubbed = soft_pair(mu=0.1)
+    assert type(rubbed) is FrictionalSoftPair
+    assert pickle.loads(pickle.dumps(rubbed)) == rubbed == rubbed.replace(mu=0.2).replace(mu=0.1)
+    for letter, there in zip("BbSPARCDspardc", "TtRAPSDClnmkuw", strict=True):
+        level = soft_pair(beta=0.0, mu=0.1).symmetry("s", [0.0, 1, 1.0, 0.0])
+        assert level.walls[letter] == there
+        assert level.walls[there] == letter
+
+
+@pytest.mark.full
+def test_formulas_with_friction_agree():
+    assert "symmetry at all" in check_model(soft_pair(beta=0.0, mu=0.1))[-1]
