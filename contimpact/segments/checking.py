@@ -150,6 +150,7 @@ def check_model(model: Model) -> list[str]:
     done = [*_check_derived(model), *_period(model, kernels)]
     for (wall, _), kernel in kernels.items():
         check_motion(model, wall, kernel)
+    _check_laws(model, writer, kernels)
     done += [f"flight from {wall.name}" for wall in model.WALLS]
     done += [*_resets(model, kernels), *_passages(model, kernels)]
     return [*done, *_symmetries(model, writer, kernels)]
@@ -178,6 +179,32 @@ def _period(model: Model, kernels: Agreements) -> list[str]:
     if not period > 0.0:
         raise InputError(model.place("period"), f"it is {period:.6g}", "give a positive one")
     return ["period"]
+
+
+def _check_laws(model: Model, writer: KernelWriter, kernels: Agreements) -> None:
+    """The law that a linear flight is computed from is of the positions themselves: simulations and
+    compiled code take it from there, whatever the flight was given."""
+    size, values = model.DEGREES_OF_FREEDOM, list(model.values.values())
+    for guard in model.WALLS:
+        if orders_of(model.MODES, guard.next_mode, size) != (2,) * size:
+            continue
+        name, random = f"law_{guard.name}", Random(7)
+        law = kernel_of(name, writer.write(name), f"<{name}>")
+        start = [random.uniform(-1, 1) for _ in range(model.unknowns_per_impact - 1)]
+        try:
+            _, *flown = law(0.0, *start, *values)
+            stated = [kernels[guard.name, i](0.0, *start, 0.0, *values)[4] for i in range(size)]
+        except (ArithmeticError, ValueError):
+            continue
+        if not flown:  # the flight is no linear one
+            continue
+        _, numbers, state = flown
+        for i, there in enumerate(stated):
+            terms = [a * x for a, x in zip(numbers[i * len(state) :], state, strict=False)]
+            if abs(sum(terms) - there) > TOLERANCE * max(map(abs, terms)):
+                found = f"its linear law gives the acceleration {sum(terms):.6g}, not {there:.6g}"
+                accepted = "give Linear the positions themselves, and its force what shifts them"
+                raise InputError(model.place("flight from", guard.name), found, accepted)
 
 
 def _resets(model: Model, kernels: Agreements) -> list[str]:

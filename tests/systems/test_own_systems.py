@@ -13,10 +13,12 @@ import sympy
 
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.errors import InputError
+from contimpact.models.linear import Linear
 from contimpact.models.model import COLUMNS, Formulas, Model, Parameter, Wall
 from contimpact.models.symbolic import harmonic_means
 from contimpact.orbits.search import find_orbits
 from contimpact.results.branch import FLAT as EVENT_COLUMNS
+from contimpact.segments.checking import check_model
 from contimpact.segments.kernels import Kernels
 from contimpact.simulation.sweep import columns_of
 
@@ -335,3 +337,34 @@ def test_a_helper_or_a_base_class_that_changes_is_seen(tmp_path):
     assert run(3, 2) == ["-6.0", "motion_P"]
     assert run(3, 5) == ["-15.0", "motion_P"]
     assert run(1, 2) == ["-2.0"]
+
+
+class Shifted(Model):
+    """A linear flight about another position than zero, which is stated by shifting it."""
+
+    SYSTEM = "shifted"
+    WALLS = (Wall("S", side=1),)
+    PARAMETERS = tuple(Parameter(name, "", name) for name in ("k", "omega", "e"))
+
+    def formulas(self, symbols):
+        k, omega, e = symbols.values()
+        motion = Linear(
+            mass=[[1]],
+            damping=[[0]],
+            stiffness=[[k]],
+            force=lambda t: [sympy.cos(omega * t)],
+            period=2 * sympy.pi / omega,
+        )
+        return Formulas(
+            period=motion.period,
+            walls={"S": e},
+            reset=lambda wall, x, v: [-v[0] / 2],
+            flight=lambda t, x, v, dt: motion.flight(t, [x[0] - e], v, dt),
+            acceleration=lambda t, x, v: motion.acceleration(t, [x[0] - e], v),
+        )
+
+
+def test_a_shifted_linear_flight_is_refused():
+    """Flight and acceleration agree, but simulations would take the law for that of x itself."""
+    with pytest.raises(InputError, match=r"its linear law gives the acceleration .* not"):
+        check_model(Shifted(k=2.0, omega=1.3, e=0.5))
