@@ -132,12 +132,27 @@ class SoftPair(ImpactPair):
                 raise InputError("omega", found, "give r below 1 or another frequency")
 
     def symmetry(self, parameter: str, harmonics: Sequence[float]) -> Symmetry | None:
-        """That of the pair, between equal membranes."""
+        """That of the pair, between equal membranes; `harmonics` are of no use, with three laws."""
         split = "k" not in self.values
         if split and (parameter in ("k_B", "k_T") or self.values["k_B"] != self.values["k_T"]):
             return None
-        found = super().symmetry(parameter, harmonics)
+        level = self.values["beta"] == 0 or self.values["g"] == 0
+        if not (level and self._turns_after_half_a_period()):
+            return None
+        found = super().symmetry(parameter, (0.0,))
         return found and Symmetry({**found.walls, "b": "t", "t": "b"}, found.shift, found.sign)
+
+    def _turns_after_half_a_period(self) -> bool:
+        """Whether f(t + 1) = -f(t)."""
+        import numpy as np
+
+        from ..models.expressions import values_of
+
+        own, t = {name: self.values[name] for name in self.own}, np.arange(256) / 256
+        now, later = (
+            values_of(self.options["forcing"], "forcing", {"t": t + half, **own}) for half in (0, 1)
+        )
+        return bool(np.max(abs(now + later)) <= 1e-12 * np.max(abs(now)))
 
     def formulas(self, symbols: Mapping[str, Any]) -> Formulas:
         """The pair's flight, with more gravity, and the motion against each membrane."""

@@ -230,11 +230,16 @@ def test_a_light_ball():
 
 
 def test_symmetric_at_level():
+    """By what the kernels say of a system of several laws: its flights have no harmonics."""
     model = soft_pair(beta=0.0, s=0.3)
-    found = model.symmetry("s", [0.0, 1, 1.0, 0.0])
+    said = Kernels(model, "s").harmonics(*model.values.values())
+    found = model.symmetry("s", said)
     assert found.walls == {"B": "T", "T": "B", "b": "t", "t": "b"}
+    assert check_model(model)[-1].startswith("symmetry at all A, s, M")
     uneven = SoftPair(beta=0.0, A=5.0, s=0.3, r=0.3, k_B=500.0, k_T=600.0)
-    assert uneven.symmetry("s", [0.0, 1, 1.0, 0.0]) is None
+    assert uneven.symmetry("s", said) is None
+    assert soft_pair().symmetry("s", said) is None
+    assert soft_pair(beta=0.0, forcing="cos(pi*t) + cos(2*pi*t)/9").symmetry("s", said) is None
 
 
 @pytest.mark.parametrize(
@@ -435,7 +440,7 @@ def test_friction_has_its_own_modes():
     assert type(rubbed) is FrictionalSoftPair
     assert pickle.loads(pickle.dumps(rubbed)) == rubbed == rubbed.replace(mu=0.2).replace(mu=0.1)
     for letter, there in zip("BbSPARCDspardc", "TtRAPSDClnmkuw", strict=True):
-        level = soft_pair(beta=0.0, mu=0.1).symmetry("s", [0.0, 1, 1.0, 0.0])
+        level = soft_pair(beta=0.0, mu=0.1).symmetry("s", [math.nan])
         assert level.walls[letter] == there
         assert level.walls[there] == letter
 
