@@ -183,6 +183,8 @@ def test_a_system_imports_models_and_what_it_extends(module):
         "symbolic",
         "linear",
         "nonlinear",
+        "filippov",
+        "switching",
         "machine",
         "stated_modes",
         "expressions",
