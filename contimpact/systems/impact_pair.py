@@ -58,7 +58,7 @@ class ImpactPair(Model):
     DERIVED_UNITS: ClassVar = {"d": "dimensionless", "gbar": "dimensionless"}
     DERIVED_FROM: ClassVar = {"d": ("A", "s", "M", "omega"), "gbar": ("beta", "A", "M", "g")}
     MEMBRANES = True
-    GEOMETRY = Geometry(direction="beta", contained=((0, -1),))
+    GEOMETRY: ClassVar[Geometry | None] = Geometry(direction="beta", contained=((0, -1),))
     OPTIONS: ClassVar = {"forcing": "cos(pi*t)"}
     EXPRESSIONS: ClassVar = {"forcing": ("t",)}
     PARAMETRIC = ("forcing",)

@@ -39,7 +39,7 @@ from dataclasses import replace
 from typing import Any, ClassVar, Self, cast
 
 from ..errors import InputError, short_repr
-from ..models.model import Acceleration, Formulas, Guard, Harmonics, Mode, Parameter, Symmetry
+from ..models.model import Acceleration, Formulas, Guard, Harmonics, Jump, Mode, Parameter, Symmetry
 from ..models.switching import ABOVE, BELOW, SLIDING, switching_guards, switching_modes
 from .impact_pair import ImpactPair
 from .membrane import Membrane
@@ -77,8 +77,8 @@ class SoftPair(ImpactPair):
     """
 
     SYSTEM = "soft-pair"
-    MODES = (Mode("free"), Mode("bottom"), Mode("top"))
-    WALLS = (
+    MODES: ClassVar[tuple[Mode, ...]] = (Mode("free"), Mode("bottom"), Mode("top"))
+    WALLS: ClassVar[tuple[Guard, ...]] = (
         Guard("B", side=+1, mode="free", to="bottom"),
         Guard("T", side=-1, mode="free", to="top"),
         Guard("b", side=-1, mode="bottom", to="free"),
@@ -280,10 +280,12 @@ class FrictionalSoftPair(SoftPair):
         found = super().symmetry(parameter, harmonics)
         if found is None:
             return None
-        (S, P, A, B, C, D), bottom, top = ZONES.values()
-        turned = {S: B, B: S, P: A, A: P, C: D, D: C}
-        there = dict(zip((S, P, A, B, C, D), top, strict=True))
-        across = {own: there[turned[o]] for o, own in zip(there, bottom, strict=True)}
+        free, bottom, top = ZONES.values()
+        turned = {
+            own: free["SPABCD".index(other)] for own, other in zip(free, "BAPSDC", strict=True)
+        }
+        there = dict(zip(free, top, strict=True))
+        across = {own: there[turned[o]] for o, own in zip(free, bottom, strict=True)}
         back = {other: own for own, other in across.items()}
         return Symmetry({**found.walls, **turned, **across, **back}, found.shift, found.sign)
 
@@ -301,20 +303,24 @@ class FrictionalSoftPair(SoftPair):
         def moving(law: Acceleration, friction: Any) -> Any:
             return lambda t, x: [x[1], law(t, x[:1], x[1:])[0] + friction]
 
-        flights, accelerations, jumps = {}, {}, {}
+        flights, accelerations = dict[str, Any](), dict[str, Any]()
+        jumps = dict[str, tuple[Jump, str]]()
         walls = dict(soft.walls)
         for (zone, letters), law in zip(ZONES.items(), laws.values(), strict=True):
             sides = moving(law, most), moving(law, -most)
             found = Filippov(*sides, (0, 1), 0, soft.period).formulas()
-            flights |= {f"{zone} {MOTIONS[n]}": f for n, f in found.flight.items()}
-            accelerations |= {f"{zone} {MOTIONS[n]}": a for n, a in found.acceleration.items()}
-            named = zip(letters, found.walls, strict=True)
-            jumps |= {own: (found.jump, letter) for own, letter in named}
+            for stated, kept in ((found.flight, flights), (found.acceleration, accelerations)):
+                laws_there = cast(Mapping[str, Any], stated)
+                kept.update({f"{zone} {MOTIONS[n]}": law for n, law in laws_there.items()})
+            there = cast(Jump, found.jump)
+            jumps |= {own: (there, o) for own, o in zip(letters, found.walls, strict=True)}
             walls |= dict(zip(letters, found.walls.values(), strict=True))
 
-        def jump(guard: str, x: Sequence[Any], v: Sequence[Any]) -> tuple[list[Any], list[Any]]:
+        def jump(
+            guard: str, x: Sequence[Any], v: Sequence[Any]
+        ) -> tuple[Sequence[Any], Sequence[Any]]:
             if guard not in jumps:
-                return list(x), []
+                return x, []
             at, letter = jumps[guard]
             return at(letter, x, v)
 
