@@ -31,7 +31,7 @@ from ..orbits.outputs import means_of
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
 from ..orbits.search import find_orbits
-from ..progress import Asked, Progress, progress_lines
+from ..progress import Asked, RememberedProgress, progress_lines
 from ..results.design_table import DesignOptions
 from ..results.scene import Scene, load_scene, read_scene
 from ..segments.kernels import Kernels
@@ -143,6 +143,9 @@ class Design:
     """The best for each margin asked for."""
     chaos: ChaoticMotion | None = None
     notes: tuple[str, ...] = field(default=())
+    interrupted: str = ""
+    """What was being done when the keyboard interrupted: what comes later is missing, and of a best
+    found before all starts were improved there may be better ones."""
 
     def _lines(self, one: Optimum, head: str = "") -> list[str]:
         place = ", ".join(f"{name} = {value:.9g}" for name, value in one.parameters.items())
@@ -173,11 +176,15 @@ class Design:
             )
             for what, one in named
         ]
+        if self.interrupted:
+            rows.append(("interrupted", *[""] * (len(head) - 2), self.interrupted))
         return csv_text(head, rows)
 
     def __repr__(self) -> str:
         rows = [] if self.best is None else self._lines(self.best)
         head = rows.pop(0) if rows else "No orbit satisfies the constraints"
+        if self.interrupted:
+            head = f"Incomplete, interrupted at {self.interrupted}\n{head if rows else 'No best yet'}"
         for one in self.others:
             rows += self._lines(one, "  other: ")
         for one in self.trade_off:
@@ -200,7 +207,8 @@ def design(scene: Scene | Mapping[str, Any] | str, *, progress: Asked = False) -
     -------
     Design
         The best of local optima from random starts, with the constraints that hold it. There may
-        be better ones that no start has led to.
+        be better ones that no start has led to. After an interruption by the keyboard, what was
+        found until then.
 
     Raises
     ------
@@ -211,8 +219,8 @@ def design(scene: Scene | Mapping[str, Any] | str, *, progress: Asked = False) -
         scene = read_scene(scene) if isinstance(scene, Mapping) else load_scene(scene)
     if scene.design is None:
         raise InputError("design", "missing", "say what to maximise in a table [design]")
-    with progress_lines(progress, f"design {scene.name}") as tell:
-        return _Designer(scene, scene.design, tell).design()
+    with progress_lines(progress, f"design {scene.name}") as told:
+        return _Designer(scene, scene.design, RememberedProgress(told)).design()
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +243,7 @@ class _Iterate:
 class _Designer:
     """The search for one scene's design."""
 
-    def __init__(self, scene: Scene, asked: DesignOptions, tell: Progress) -> None:
+    def __init__(self, scene: Scene, asked: DesignOptions, tell: RememberedProgress) -> None:
         self.scene, self.asked, self.tell = scene, asked, tell
         self.names = tuple(asked.bounds)
         self.low, high = np.array(list(asked.bounds.values())).T
@@ -248,8 +256,33 @@ class _Designer:
 
     def design(self) -> Design:
         """Optimise each word from the best random starts, then at each margin."""
-        found: list[Optimum] = []
-        notes: list[str] = []
+        found, curve, notes = list[Optimum](), list[Optimum](), list[str]()
+        chosen, chaos, interrupted = None, None, ""
+        try:
+            self.improve(found, notes)
+            found.sort(key=lambda one: -one.value)
+            chosen = self.first_reached(found)
+            curve.extend(self.curve(found) if found else [])
+            chaos = self.chaotic() if self.asked.chaos else None
+        except KeyboardInterrupt:
+            interrupted = self.tell.last or "the beginning"
+            found.sort(key=lambda one: -one.value)
+            if chosen is None and found and not self.asked.fraction:
+                chosen = 0
+        best = None if chosen is None else found.pop(chosen)
+        return Design(
+            self.names,
+            self.output.name,
+            best,
+            tuple(found),
+            tuple(curve),
+            chaos,
+            tuple(notes),
+            interrupted,
+        )
+
+    def improve(self, found: list[Optimum], notes: list[str]) -> None:
+        """Add each word's optima from the best random starts, and notes on words without any."""
         for word in self.scene.orbits:
             starts = sorted(self.starts(word), key=lambda start: -start[0])
             name = word.notation(self.scene.model.letters)
@@ -260,14 +293,6 @@ class _Designer:
                 one = self.optimum(here, self.asked.margin)
                 if one is not None and not any(self.same(one, other) for other in found):
                     found.append(one)
-        found.sort(key=lambda one: -one.value)
-        chosen = self.first_reached(found)
-        curve = list(self.curve(found)) if found else []
-        chaos = self.chaotic() if self.asked.chaos else None
-        best = None if chosen is None else found.pop(chosen)
-        return Design(
-            self.names, self.output.name, best, tuple(found), tuple(curve), chaos, tuple(notes)
-        )
 
     def starts(self, word: Word) -> Iterator[tuple[float, Linearisation]]:
         """Stable physical orbits at random points within the bounds, with their values."""

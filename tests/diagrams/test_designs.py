@@ -4,9 +4,15 @@ from __future__ import annotations
 
 import copy
 import math
+import os
+import signal
+import subprocess
+import sys
 
 import numpy as np
 import pytest
+
+from mutations import toml
 
 import contimpact as ci
 from contimpact.results.scene import read_scene
@@ -75,6 +81,48 @@ def test_prices_are_slopes_of_the_trade_off(design):
     rows = design.table().splitlines()
     assert [row.split(",")[0] for row in rows] == ["is", "best", "margin", "margin"]
     assert "limited by" in repr(design)
+
+
+@pytest.mark.parametrize(
+    ("at", "kinds"), [("2:1, start 1", []), ("margin 1.01", ["best", "margin"])]
+)
+def test_what_was_found_before_an_interruption_is_kept_and_marked(at, kinds):
+    """The keyboard interrupts at a line of progress."""
+
+    def tell(text):
+        if text == at:
+            raise KeyboardInterrupt
+
+    given = read_scene(scene(margins=[0.99, 1.01] if kinds else []))
+    found = ci.design(given, progress=tell)
+    assert found.interrupted == at
+    rows = [row.split(",") for row in found.table().splitlines()[1:]]
+    assert [row[0] for row in rows] == [*kinds, "interrupted"]
+    assert rows[-1][-1].strip('"') in at
+    assert repr(found).startswith(f"Incomplete, interrupted at {at}\n")
+
+
+@pytest.mark.full
+@pytest.mark.skipif(os.name != "posix", reason="sends a POSIX signal")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_command_asked_to_end_writes_what_it_found(tmp_path, number):
+    file, table = tmp_path / "scene.toml", tmp_path / "found.csv"
+    margins = [1.0 + 0.001 * k for k in range(200)]
+    file.write_text(toml(scene(margins=margins)), encoding="utf-8")
+    command = [sys.executable, "-m", "contimpact", "design", str(file), "-o", str(table)]
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, **streams) as process:
+        for line in process.stderr:
+            if "margin 1.0" in line:
+                break
+        process.send_signal(number)
+        out, err = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert "interrupted (margin 1.0" in err
+    assert out.startswith("Incomplete, interrupted at margin 1.0")
+    rows = [row.split(",")[0] for row in table.read_text(encoding="utf-8").splitlines()]
+    assert rows[:2] == ["is", "best"]
+    assert rows[-1] == "interrupted"
 
 
 @pytest.mark.full
