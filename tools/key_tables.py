@@ -13,7 +13,7 @@ import typing
 from collections.abc import Mapping
 from pathlib import Path
 
-from contimpact.results.design_table import DesignOptions
+from contimpact.results.design_table import DesignOptions, MarginOptions
 from contimpact.results.options import CertifyOptions, CurveOptions, PlotOptions
 from contimpact.results.scene import Scene
 from contimpact.results.simulate_tables import SimulateOptions
@@ -32,6 +32,7 @@ KINDS = {
         SimulateOptions,
         CertifyOptions,
         DesignOptions,
+        MarginOptions,
         Membrane,
         StudyFile,
     )

@@ -184,7 +184,8 @@ class Design:
         rows = [] if self.best is None else self._lines(self.best)
         head = rows.pop(0) if rows else "No orbit satisfies the constraints"
         if self.interrupted:
-            head = f"Incomplete, interrupted at {self.interrupted}\n{head if rows else 'No best yet'}"
+            head = head if rows else "No best yet"
+            head = f"Incomplete, interrupted at {self.interrupted}\n{head}"
         for one in self.others:
             rows += self._lines(one, "  other: ")
         for one in self.trade_off:

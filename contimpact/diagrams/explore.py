@@ -177,23 +177,32 @@ def follow(scene: Scene | str | Path | Mapping[str, Any], progress: Asked = None
         if not diagram.branches and not diagram.statistics["failure"]:
             explorer.look_elsewhere()
             raise refusal(list(explorer.lacking.values()), explorer.settled)
-        if scene.outputs:
-            diagram = _with_outputs(scene, diagram, tell)
+        if scene.outputs or scene.margins:
+            diagram = _with_columns(scene, diagram, tell)
     if diagram.statistics["failure"] == INTERRUPTED:
         return replace(diagram, statistics={**diagram.statistics, "stopped": tell.last})
     return diagram
 
 
-def _with_outputs(scene: Scene, diagram: Diagram, tell: Progress) -> Diagram:
-    """The diagram with the means of the scene's outputs as columns; an interruption leaves them
-    out."""
-    found = []
+def _with_columns(scene: Scene, diagram: Diagram, tell: Progress) -> Diagram:
+    """The diagram with outputs' means and margins as columns of branches; an interruption leaves
+    out those that come later."""
+    found = list(diagram.branches)
+    entries = {entry.id: entry for entry in diagram.entries}
     try:
-        for branch in diagram.branches:
-            tell(f"means of outputs along {branch.id}")
-            found.append(add_outputs(branch, scene.outputs, scene.model))
+        for number, branch in enumerate(found):
+            if scene.outputs:
+                tell(f"means of outputs along {branch.id}")
+                found[number] = add_outputs(branch, scene.outputs, scene.model)
+        for number, branch in enumerate(found):
+            if scene.margins is not None:
+                from .margins import add_margins
+
+                tell(f"margins along {branch.id}")
+                found[number] = add_margins(branch, scene.margins, scene.model, entries)
     except KeyboardInterrupt:
-        return replace(diagram, statistics={**diagram.statistics, "failure": INTERRUPTED})
+        cut_short = {**diagram.statistics, "failure": INTERRUPTED}
+        return replace(diagram, branches=found, statistics=cut_short)
     return replace(diagram, branches=found)
 
 

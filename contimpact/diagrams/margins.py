@@ -35,7 +35,8 @@ from ..orbits.orbit import Orbit
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
 from ..orbits.search import solve_near
-from ..results.branch import Entry
+from ..results.branch import Branch, Entry, orbit_at
+from ..results.design_table import MarginOptions
 from ..results.entry_conversion import to_orbit
 from ..segments.kernels import Kernels
 from .curve_problem import CurveProblem, slope_of
@@ -200,6 +201,47 @@ def find_margins(
     if not 0.0 < within < np.inf:
         raise InputError("within", short_repr(within), "give a positive number")
     return Search(given, dict(tolerances), within).margins()
+
+
+def add_margins(
+    branch: Branch, options: MarginOptions, model: Model, entries: Mapping[str, Entry]
+) -> Branch:
+    """Return a branch with the columns ``margin`` and ``margin_event``, of its stable orbits.
+
+    At events that end these the margin is zero, where no event is within the range it is infinite,
+    and of other orbits it is not a number.
+
+    Parameters
+    ----------
+    entries : mapping of str to Entry
+        The diagram's, by their names.
+    """
+    margins, events = np.full(len(branch), np.nan), np.full(len(branch), "", dtype=object)
+    shown = branch.stable & branch.physical
+    beside = shown | np.append(shown[1:], False) | np.append(False, shown[:-1])
+    known, kinds, lost = dict[tuple[str, ...], Kernels](), usual_events(model), list[str]()
+    for row in np.flatnonzero(beside).tolist():
+        entry = entries.get(str(branch["event"][row]))
+        if entry is not None and not entry.ghost and entry.kind in kinds:
+            margins[row], events[row] = 0.0, entry.label
+            continue
+        if not shown[row]:
+            continue
+        orbit = orbit_at(branch, row, model)
+        sizes = {name: t.at(orbit[name]) for name, t in options.tolerances.items()}
+        sizes = {name: size for name, size in sizes.items() if size > 0.0}
+        names = tuple(sizes)
+        kernels = known.setdefault(names, Kernels(model, *names))
+        found = Search(orbit, sizes, options.within, kernels).margins()
+        margins[row] = np.inf if found.nearest is None else found.nearest.distance
+        events[row] = "" if found.nearest is None else found.nearest.label
+        lost += found.notes
+    note = f"margins at {len(lost)} rows: the orbit is {lost[0]}" if lost else ""
+    return replace(
+        branch,
+        columns={**branch.columns, "margin": margins, "margin_event": events},
+        notes=[*branch.notes, *[note] * bool(note)],
+    )
 
 
 class _Lost(NamedTuple):

@@ -34,6 +34,7 @@ from ..storage.files import Content, write, write_all
 from ..systems.membrane import Membrane
 from .labels import CHOICES, choose_events, draw_labels, name_orbits, name_walls, text_width
 from .lines import (
+    BAND,
     STYLES,
     UNPHYSICAL,
     WIDTHS,
@@ -44,6 +45,7 @@ from .lines import (
     ordinate_label,
     pieces_of,
     series_by_branch,
+    shade_margins,
 )
 from .texts import axis_label, fixed_values, plain_text, units_of, values_text, walls_of
 
@@ -89,6 +91,7 @@ def plot_diagram(
     labels: bool | str = True,
     unit: str = "",
     membrane: Membrane | None = None,
+    margin: float | None = None,
 ) -> Any:
     """Draw a diagram.
 
@@ -115,6 +118,9 @@ def plot_diagram(
         Unit of x, for the axis label.
     membrane : Membrane, optional
         Of the voltages; with the paper's values by default.
+    margin : float, optional
+        Stretches of stable orbits with a smaller margin are shaded; needs branches with the column
+        ``margin``, see ``[margins]`` of scenes.
 
     Returns
     -------
@@ -130,6 +136,8 @@ def plot_diagram(
     if isinstance(ax, str):
         ax, x = None, ax
     labelled = labels if isinstance(labels, str) else "all" if labels else "none"
+    if margin is not None and not any("margin" in b.columns for b in diagram.branches):
+        raise InputError("margin", "no branch has margins", "follow a scene with [margins]")
     column = _check_request(diagram, x, {"xlim": xlim, "ylim": ylim}, unphysical, labelled)
     own = ax is None
     if ax is None:
@@ -146,6 +154,7 @@ def plot_diagram(
         ax.plot(
             places, speeds, linestyle=STYLES[style], color=colours[wall], linewidth=WIDTHS[style]
         )
+    shaded = margin is not None and shade_margins(ax, diagram, series, column, margin)
     draw_guides(ax, y)
     if xlim:
         ax.set_xlim(*xlim)
@@ -167,7 +176,10 @@ def plot_diagram(
         ax.ticklabel_format(axis="y", scilimits=(-2, 4), useMathText=True)
     ax.yaxis.get_offset_text().set_horizontalalignment("right")
     styles = [style for _, style, *_ in pieces]
-    draw_legend(ax, legend_handles(colours, styles, drawn, left_out))
+    handles = legend_handles(colours, styles, drawn, left_out)
+    if shaded:
+        handles.append(legend_mark(**BAND, label=f"margin below {margin:g}"))
+    draw_legend(ax, handles)
     if own:
         fit(ax)
     return ax

@@ -157,8 +157,23 @@ LABELS = {
     "U_T": r"mean voltage per time $\bar{U}_T$ (V)",
     "gap": "smallest gap",
     "period": "period of the orbit",
+    "margin": "margin (tolerances)",
 }
-GUIDES = {"velocity": (0.0,), "multipliers": (-1.0, 0.0, 1.0), "moduli": (1.0,), "gap": (0.0,)}
+BAND: dict[str, Any] = {
+    "color": "#D55E00",
+    "linewidth": 8.0,
+    "alpha": 0.3,
+    "solid_capstyle": "butt",
+    "zorder": 0.5,
+}
+"""How stretches of a small margin are shaded."""
+GUIDES = {
+    "velocity": (0.0,),
+    "multipliers": (-1.0, 0.0, 1.0),
+    "moduli": (1.0,),
+    "gap": (0.0,),
+    "margin": (0.0,),
+}
 """Values at which a line is drawn: those an event is told by."""
 SEEN = {"multipliers": (-3.0, 3.0), "moduli": (0.0, 3.0)}
 """Multipliers grow without bound next to a grazing; limits hold no more of them than this."""
@@ -168,6 +183,27 @@ def draw_guides(ax: Any, y: Quantity) -> None:
     """Draw thin lines where the quantity tells of an event."""
     for value in GUIDES.get(y, ()) if isinstance(y, str) else ():
         ax.axhline(value, color="0.75", linewidth=0.6, zorder=0)
+
+
+def shade_margins(
+    ax: Any, diagram: Diagram, series: Sequence[Sequence[Series]], x: str, margin: float
+) -> bool:
+    """Draw a band along stretches of branches with a smaller margin; return if there are any."""
+    drawn = False
+    for branch, own in zip(diagram.branches, series, strict=True):
+        known = branch.columns.get("margin", np.full(len(branch), np.nan))
+        for one in own:
+            rows = np.column_stack([branch[x], one.values, known])
+            with np.errstate(invalid="ignore"):
+                parts = (margin - known[:-1]) / np.diff(known)  # where it is reached between rows
+            ends = np.flatnonzero((parts > 0.0) & (parts < 1.0))
+            at = rows[ends] + parts[ends, None] * (rows[ends + 1] - rows[ends])
+            at[:, 2] = margin
+            rows = np.insert(rows, ends + 1, at, axis=0)
+            rows[~(rows[:, 2] <= margin)] = np.nan
+            drawn |= bool(np.isfinite(rows).any())
+            ax.plot(*rows.T[:2], **BAND)
+    return drawn
 
 
 IN_A_LINE = 4

@@ -76,6 +76,8 @@ CURVE = "contimpact.curve/1"
 NEEDED = ("id", "kind", "label", "branch", "word", "period", "parameter", "parameters", "impacts")
 """Keys that no entry goes without."""
 TEXTS = ("reason", "event")
+MORE_TEXTS = (*TEXTS, "margin_event")
+"""Columns that hold texts: those all branches have, and all there may be."""
 WHOLE = ("n_unstable", "physical", "iterations")
 """Columns of a table that hold no floating-point numbers."""
 BLOCK = 1024
@@ -218,7 +220,7 @@ def _columns(lines: Iterator[str]) -> dict[str, Array]:
 
 
 def _column(name: str, cells: Sequence[str]) -> Array:
-    if name in TEXTS:
+    if name in MORE_TEXTS:
         return np.array([unescape_text(cell) for cell in cells], dtype=object)
     if name in WHOLE:
         return np.array(list(map(int, cells)), dtype=np.int64)

@@ -1,4 +1,4 @@
-"""The table [design] of a scene: what is maximised, over what, and under which constraints."""
+"""The tables [margins] and [design] of a scene: tolerances, and what is maximised and how."""
 
 from __future__ import annotations
 
@@ -73,6 +73,28 @@ def _tolerances(given: Mapping[str, Any], where: str, here: Any) -> dict[str, To
     return found
 
 
+TOLERANCES: Mapping[str, Any] = {
+    "doc": "of parameters, the change that is one unit of a margin: a number, or a part of the "
+    'value such as `"5%"`',
+    "given": Mapping[str, Any],
+    "check": _tolerances,
+    "write": lambda found: {name: tolerance.given for name, tolerance in found.items()},
+}
+
+
+@dataclass(frozen=True)
+class MarginOptions:
+    """How far orbits are from the events that end them, as a column of branches."""
+
+    tolerances: Mapping[str, Tolerance] = key(**TOLERANCES)
+    within: float = key(
+        10.0,
+        "the distance up to which events are looked for; where there is none, the column says "
+        "`inf`",
+        above=0.0,
+    )
+
+
 def _margin(margin: float, where: str, here: Any) -> float:
     if margin < 0.0 or (margin and not here.tolerances):
         accepted = "give a number >= 0" if here.tolerances else "state [design.tolerances], or 0"
@@ -105,12 +127,8 @@ class DesignOptions:
     )
     tolerances: Mapping[str, Tolerance] = key(
         {},
-        "of parameters, the change that is one unit of a margin: a number, or a part of the value "
-        'such as `"5%"`',
-        given=Mapping[str, Any],
-        check=_tolerances,
-        write=lambda found: {name: tolerance.given for name, tolerance in found.items()},
         shown="none",
+        **TOLERANCES,
     )
     margin: float = key(
         1.0,

@@ -68,11 +68,18 @@ def within(
 
 def _quantity(name: str, where: str, here: Any) -> str:
     known = (*QUANTITIES, *(output.name for output in here.scene.outputs))
+    known += ("margin",) if here.scene.margins else ()
     one_of(lambda _: known)(name, where, here)
     if name in VOLTAGES and not here.scene.model.MEMBRANES:
         found = f"{name!r}, and the system {here.scene.model.SYSTEM} has no membranes"
         raise InputError(where, found, "give another quantity")
     return name
+
+
+def _margin(margin: float | None, where: str, here: Any) -> float | None:
+    if margin is not None and not here.scene.margins:
+        raise InputError(where, "no table [margins]", "state its tolerances")
+    return margin
 
 
 @dataclass(frozen=True)
@@ -107,6 +114,13 @@ class PlotOptions:
         'those that are no ghosts; `"none"`',
         choices=LABELS,
     )
+    margin: float | None = key(
+        None,
+        "stretches of stable orbits with a smaller margin are shaded; with `[margins]`",
+        above=0.0,
+        check=_margin,
+        silent=True,
+    )
     html: bool = key(
         False, "whether [the page](page.md) `diagram.html` is also written", silent=True
     )
@@ -114,8 +128,8 @@ class PlotOptions:
         "velocity",
         '`"velocity"` before each impact; `"multipliers"`, their real parts; `"moduli"` of the '
         'multipliers; `"energy"`, the output voltage of each impact, and `"U_I"`, `"U_T"`, its '
-        'means, with the membranes of `[energy]`; `"gap"`, the smallest one; `"period"`; or an '
-        "output",
+        'means, with the membranes of `[energy]`; `"gap"`, the smallest one; `"period"`; '
+        '`"margin"`, with `[margins]`; or an output',
         check=_quantity,
     )
 

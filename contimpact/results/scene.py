@@ -39,7 +39,7 @@ from ..schema import Key, Table, fit, key, read, written
 from ..storage.files import check_length, read_bounded, reason
 from ..systems import SYSTEMS, system
 from ..systems.membrane import Membrane
-from .design_table import DesignOptions
+from .design_table import DesignOptions, MarginOptions
 from .options import (
     LARGEST_SEED,
     MOST_BRANCHES,
@@ -66,7 +66,7 @@ SCENE_SETTINGS = Settings(max_step=0.03)
 OUTPUT_ERROR = "_error"
 """Ends the name of the column with the error estimates of a mean."""
 _COLUMNS = re.compile(
-    rf"arclength|residual|iterations|reason|event|physical|n_unstable|smallest_gap|"
+    rf"arclength|residual|iterations|reason|event|physical|n_unstable|smallest_gap|margin(_event)?|"
     rf"[a-z]+\d+|\w*(_re|_im|{OUTPUT_ERROR})|{'|'.join(QUANTITIES)}"
 )
 """Names that columns of branches and quantities have."""
@@ -601,6 +601,8 @@ class Scene(ParameterItems):
         silent=True,
     )
     """Expressions of which branches have the means."""
+    margins: MarginOptions | None = key(None)
+    """How margins are measured, which branches have as a column if this is given."""
     design: DesignOptions | None = key(None)
     """Options of ``contimpact design``."""
     plot: PlotOptions = key(usual=lambda here: read(PlotOptions, {}, "plot", here))

@@ -6,6 +6,7 @@ Nothing is read before it is asked for, and what is asked for row by row is neve
 from __future__ import annotations
 
 import contextlib
+import csv
 import itertools
 import json
 import math
@@ -206,6 +207,22 @@ def _repeats(word: str | None, period: int | None, becomes: str, of: int) -> boo
     return bool(word) and not rest and is_rotation(word or "", becomes.partition("/")[0] * times)
 
 
+def margin(study: Study, orbit: str) -> Values:
+    """The largest margin of stable orbits of a notation, at most the distance up to which events
+    were looked for; of scenes with ``[margins]``, of which tables are kept."""
+    asked = read_study(study.given).first.margins
+    if asked is None:
+        return {}
+    found: Values = {}
+    for row in study.branches(notation=orbit):
+        table = study.table(row["scene"], row["branch"]).splitlines()
+        values = np.array([float(one["margin"]) for one in csv.DictReader(table[1:])])
+        if not np.isnan(values).all():
+            largest = min(float(np.nanmax(values)), asked.within)
+            found[row["scene"]] = max(largest, found.get(row["scene"], 0.0))
+    return found
+
+
 def count_events(study: Study, label: str) -> Values:
     """How many events with a label there are."""
     query = "SELECT scene, count(*) FROM events WHERE study = ? AND label = ? GROUP BY scene"
@@ -222,6 +239,7 @@ QUANTITIES: Mapping[str, Quantity] = {
     "bound": Quantity(
         bound, "{along} of the transition less {along} of the ghost grazing, {orbit}"
     ),
+    "margin": Quantity(margin, "largest margin of stable {orbit} along {parameter}"),
 }
 COUNT = "count:"
 
@@ -738,8 +756,8 @@ def map_of(
     Parameters
     ----------
     name : str
-        A quantity: ``ends``, ``mechanism``, ``distance``, ``bistability``, ``energy``, ``bound``
-        or ``count:LABEL``; see `contimpact.studies.study`.
+        A quantity: ``ends``, ``mechanism``, ``distance``, ``bistability``, ``energy``, ``bound``,
+        ``margin`` or ``count:LABEL``; see `contimpact.studies.study`.
     axes : (str, str), optional
         The first two of the study by default.
     orbit : str

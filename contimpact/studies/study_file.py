@@ -355,5 +355,7 @@ def _check_keep(study: StudyFile) -> None:
             raise InputError(
                 f"study.keep[{i}]", f"{what}, but no [{asked}]", f"add a table [{asked}]"
             )
+    if study.first.margins is not None and "tables" not in study.keep:
+        raise InputError("study.keep", "[margins] without tables", "add 'tables', or leave it out")
     if "energies" in study.keep and study.first.simulate is None:
         raise InputError("study.keep", "energies, but no [simulate]", "add a table [simulate]")

@@ -11,7 +11,6 @@ import sys
 
 import numpy as np
 import pytest
-
 from mutations import toml
 
 import contimpact as ci
