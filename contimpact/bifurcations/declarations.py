@@ -68,6 +68,9 @@ def unknown_kind(name: object, where: str) -> InputError:
 EVENTS = tuple(kind.name for kind in DECLARED if kind.usual and not kind.tori)
 """Those looked for in any system where nothing else is said."""
 
+USUAL = tuple(kind.name for kind in DECLARED if kind.usual)
+"""Those, and the ones looked for where they can be."""
+
 SWITCHES = tuple(kind.name for kind in DECLARED if kind.born)
 """Those at which other branches are born."""
 

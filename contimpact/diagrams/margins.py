@@ -23,9 +23,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..arrays import Array
-from ..bifurcations.declarations import usual_events
+from ..bifurcations.declarations import USUAL
 from ..bifurcations.extended_system import CONVERGED, ExtendedSystem, Solution, surroundings
-from ..bifurcations.kind import Kind
+from ..bifurcations.kind import Change, Kind
 from ..bifurcations.registry import kind_of
 from ..continuation.branch import Details, Event, Point
 from ..display import limit_lines
@@ -219,10 +219,10 @@ def add_margins(
     margins, events = np.full(len(branch), np.nan), np.full(len(branch), "", dtype=object)
     shown = branch.stable & branch.physical
     beside = shown | np.append(shown[1:], False) | np.append(False, shown[:-1])
-    known, kinds, lost = dict[tuple[str, ...], Kernels](), usual_events(model), list[str]()
+    known, lost = dict[tuple[str, ...], Kernels](), list[str]()
     for row in np.flatnonzero(beside).tolist():
         entry = entries.get(str(branch["event"][row]))
-        if entry is not None and not entry.ghost and entry.kind in kinds:
+        if entry is not None and not entry.ghost and entry.kind in USUAL:
             margins[row], events[row] = 0.0, entry.label
             continue
         if not shown[row]:
@@ -287,7 +287,7 @@ class Search:
         self.problem = problem_of(model, orbit.word, kernels or Kernels(model, *tolerances))
         n, self.center = self.problem.n, np.array([model.values[name] for name in tolerances])
         self.start = self.problem.evaluate(np.append(orbit.unknowns[:n], self.center))
-        self.kinds = [kind_of(name) for name in usual_events(model)]
+        self.kinds = [kind_of(name) for name in USUAL]
         self.found, self.tried, self.lost = list[_Found](), list[_Found](), list[_Lost]()
         self.kept: dict[tuple[Any, ...], EventMargin] = {}
 
@@ -467,9 +467,14 @@ class Search:
 
 
 def _is_near(kind: Kind, here: Linearisation) -> bool:
-    """Whether an orbit has a multiplier near that of a kind, if it has one."""
-    away = np.abs(here.multipliers - (kind.multiplier or 0.0))
-    return kind.multiplier is None or bool(np.any(away < ASIDE))
+    """Whether an orbit has a multiplier near that of a kind, or a pair near the unit circle, if it
+    has to."""
+    multipliers = here.multipliers
+    if kind.multiplier is not None:
+        return bool(np.any(np.abs(multipliers - kind.multiplier) < ASIDE))
+    pairs = multipliers[multipliers.imag != 0.0]
+    near = bool(np.any(np.abs(np.abs(pairs) - 1.0) < ASIDE))
+    return near or kind.changes is not Change.STABILITY
 
 
 def _equations(kind: Kind, problem: OrbitProblem, details: Details) -> ExtendedSystem:

@@ -159,6 +159,15 @@ def test_a_motion_that_begins_or_ceases_to_touch_a_soft_stop_continues(kind, wor
 
 
 @pytest.mark.full
+def test_margins_are_those_to_the_meeting():
+    model = pair([("A", 1, "<=", E1), ("B", 2, "<=", E2)], orbits=["AB"]).model
+    orbit = physical(model.replace(omega=1.796), "AB")
+    nearest = ci.find_margins(orbit, {"omega": 1e-3}, within=5.0).nearest
+    assert nearest.label == "T[AB->BA]"
+    assert nearest.distance == pytest.approx((meeting(1.795, 1.804) - 1.796) / 1e-3, rel=1e-9)
+
+
+@pytest.mark.full
 def test_it_is_no_switch_and_counts_for_no_depth():
     walls = [("A", 1, "<=", E1), ("B", 2, "<=", E2)]
     found = follow(pair(walls, orbits=["AB"], depth=0))

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize_scalar
 from zoo import TWO_MASSES
 
 import contimpact as ci
@@ -164,6 +165,24 @@ def test_of_symmetric_orbits_and_of_several_coordinates():
     (note,) = ci.find_margins(orbit, {"r": 0.005}, within=45.0).notes
     assert note.startswith("lost at distance 40, r = 0.99999")
     assert "at no event found: the model ends (r: the restitution is 1.0000" in note
+
+
+@pytest.mark.full
+def test_at_a_neimark_sacker_bifurcation():
+    """Negative damping: the nearest point of r^2 exp(-c T) = 1, that is c = ln(r) omega/pi."""
+    omega, r = 1.5, 0.8
+    c = 0.9 * math.log(r) * omega / math.pi
+    model = ci.Oscillator(a=1.0, omega=omega, c=c, k=1.0, sigma=0.0, r=r)
+    orbit = next(o for o in ci.find_orbits(model, "S", parameter="c") if o.stable and o.physical)
+
+    def distance(there):
+        return math.hypot((math.log(there) * omega / math.pi - c) / 0.01, (there - r) / 0.02)
+
+    found = ci.find_margins(orbit, {"c": 0.01, "r": 0.02}, within=3.0)
+    expected = minimize_scalar(distance, (0.78, 0.82), tol=1e-12).fun
+    assert found.nearest.label == "NS"
+    assert found.nearest.distance == pytest.approx(expected, rel=1e-9)
+    assert not found.notes
 
 
 def test_refusals():
