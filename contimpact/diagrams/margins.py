@@ -125,6 +125,24 @@ class EventMargin:
         curve = CurveProblem(kind, system, self.details, [1.0])
         return rates[name] * slope_of(curve, curve.packed(here.unknowns, system.start(here)))
 
+    def of(self, orbit: Orbit) -> EventMargin:
+        """Return the event's point nearest to another orbit, along which isolines follow it.
+
+        Parameters
+        ----------
+        orbit : Orbit
+            Of the same branch, nearby.
+
+        Raises
+        ------
+        InputError
+            If a search that begins at this point finds none.
+        """
+        found = Search(orbit, self.tolerances, np.inf).again(self)
+        if found is None:
+            raise InputError("orbit", f"{self.label} is not found from it", "give a nearer one")
+        return found
+
     def __repr__(self) -> str:
         place = ", ".join(f"{n} = {self.orbit[n]:.9g}" for n in self.tolerances)
         return f"{self.label} at distance {self.distance:.6g}: {place}"
@@ -423,7 +441,13 @@ class Search:
             return None
         if solution is None or kind.curve_end(solution.own) is not None:
             return None
-        y = (solution.unknowns[self.problem.n :] - self.center) / self.units
+        n = self.problem.n
+        y = (solution.unknowns[n:] - self.center) / self.units
+        beyond = self.center + (1.0 + AGAIN) * self.units * y
+        try:
+            self.problem.model_at(np.append(solution.unknowns[:n], beyond))
+        except InputError:  # the model ends there: without losses, all pairs are on the circle
+            return None
         found = _Found(kind, {**details, **system.details(solution.own)}, y, solution)
         return found if 0.0 < found.distance <= self.within else None
 

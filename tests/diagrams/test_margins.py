@@ -185,6 +185,34 @@ def test_at_a_neimark_sacker_bifurcation():
     assert not found.notes
 
 
+def test_where_the_model_ends_nothing_bifurcates():
+    """At r = 1 all pairs are on the unit circle; the 1:1 is stable up to there."""
+    orbit = stable("1:1", 0.45)
+    found = ci.find_margins(orbit, {"r": 0.01})
+    assert "NS" not in [event.label for event in found.events]
+    branch = ci.continue_orbit(stable("1:1", 0.45), "r", range=(0.02, 0.999))
+    expected = [abs(e.value - 0.3) / 0.01 for e in branch.events if not e.ghost]
+    assert [e.distance for e in found.events] == pytest.approx(sorted(expected), rel=1e-9)
+
+
+@pytest.mark.full
+def test_isolines_of_a_margin():
+    """Along the curve a search that begins anew finds the same event at the same distance."""
+    orbit, tolerances = stable("1:1", 0.45), {"s": 0.005, "r": 0.01}
+    event = ci.find_margins(orbit, tolerances).nearest
+    ranges = [(0.44, 0.46), (4.95, 5.05)]
+    curve = ci.follow_isoline(orbit, lambda o: event.of(o).distance, second="A", ranges=ranges)
+    assert {curve["A"][0], curve["A"][-1]} == {4.95, 5.05}
+    for row in (0, -1):
+        model = orbit.model.replace(s=float(curve["s"][row]), A=float(curve["A"][row]))
+        there = next(o for o in ci.find_orbits(model, "1:1") if o.stable and o.physical)
+        nearest = ci.find_margins(there, tolerances).nearest
+        assert nearest.label == event.label
+        assert nearest.distance == pytest.approx(event.distance, rel=1e-9)
+    with pytest.raises(ci.InputError, match="is not found from it"):
+        event.of(stable("2:1", 0.34))
+
+
 def test_refusals():
     orbit = stable("1:1", 0.45)
     other = next(
