@@ -3,7 +3,7 @@
     python docs/figures/harvester_scan.py [COUNT [WORKERS]]
 
 Points are uniform within the bounds of ``examples/harvester.toml``, 100,000 of them if nothing else
-is said, which takes ten minutes of computing; they do not depend on WORKERS. From a random impact,
+is said, which takes half an hour of computing; they do not depend on WORKERS. From a random impact,
 the motion is simulated for 200 periods, and its output for 200 more. What gives more than the best
 in ``examples/harvester.csv`` is settled, and events are searched for near its orbit. Prints how
 many there are, and writes them to ``harvester_scan.csv`` beside this file.
