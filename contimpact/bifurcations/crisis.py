@@ -14,6 +14,18 @@ are as many equations as unknowns, the parameter among them. The last two let th
 lap close in time alone. With the multipliers :math:`|\mu_s| < 1 < |\mu_u|` of an orbit, what they
 leave of the unwanted direction after k laps is :math:`(\mu_s/\mu_u)^k` times as large: laps are
 added until they change nothing that double precision could tell.
+
+Where impacts contract less, the attractor is round at its end, as in smooth maps, and touches
+without a grazing. Then the path's own equations :math:`F` are singular in its impacts: two
+connections, which exist beyond the crisis, meet. In place of the velocity that vanishes there is
+the number :math:`g` of
+
+.. math::
+   \begin{pmatrix} F_z & b \\ c^\top & 0 \end{pmatrix}
+   \begin{pmatrix} \phi \\ g \end{pmatrix} = \begin{pmatrix} 0 \\ 1 \end{pmatrix}
+
+(Govaerts, Numerical Methods for Bifurcations of Dynamical Equilibria, 2000, ch. 3); its derivatives
+have differences of :math:`F_z` along :math:`\phi`, which affect the speed of Newton's method alone.
 """
 
 from __future__ import annotations
@@ -35,6 +47,8 @@ from .extended_system import EPSILON, FIRST_ORDER
 NEWTON_ITERATIONS = 20
 CONVERGED = 1e-11
 """Largest residual of a solution."""
+DIFFERENCE = 1e-6
+"""Step of the differences along the kernel, of which the largest entry is 1."""
 FAR = 0.5
 """Longest Newton step near a solution, in the natural sizes of the unknowns."""
 MOST_LAPS = 12
@@ -67,14 +81,20 @@ class Connection:
         They name the free parameters: one for a crisis, two for a curve of them.
     walls : str
         The walls hit along the path.
-    grazing : int
-        Number of the impact whose velocity vanishes.
+    grazing : int or None
+        Number of the impact whose velocity vanishes; None where the manifolds touch without one.
     before, after : Word
         The orbits at both ends; the path begins with a lap of one and ends with a lap of the other.
     """
 
     def __init__(
-        self, model: Model, kernels: Kernels, walls: str, grazing: int, before: Word, after: Word
+        self,
+        model: Model,
+        kernels: Kernels,
+        walls: str,
+        grazing: int | None,
+        before: Word,
+        after: Word,
     ) -> None:
         self.model, self.kernels, self.walls, self.grazing = model, kernels, walls, grazing
         self.before, self.after = before, after
@@ -83,6 +103,7 @@ class Connection:
         self._free = [names.index(name) for name in kernels.parameters]
         self.free = len(self._free)
         self.n = 2 * len(walls)
+        self._borders: tuple[Array, Array] | None = None
 
     def values(self, unknowns: Array) -> list[float]:
         """Return all parameter values at a point, in the model's order."""
@@ -97,6 +118,32 @@ class Connection:
 
     def evaluate(self, unknowns: Array) -> Connected:
         """Evaluate the equations and their derivatives at a point."""
+        residual, jacobian = self._path(unknowns)
+        if self.grazing is not None:
+            residual[self.n] = self.impacts(unknowns)[self.grazing, 1]
+            jacobian[self.n, 2 * self.grazing + 1] = 1.0
+        else:
+            residual[self.n], jacobian[self.n] = self._tangent(unknowns, jacobian[: self.n])
+        return Connected(self, unknowns, residual, jacobian)
+
+    def _tangent(self, unknowns: Array, jacobian: Array) -> tuple[float, Array]:
+        """Evaluate the number that vanishes where two connections meet, and its derivatives."""
+        n = self.n
+        if self._borders is None:
+            left, _, right = np.linalg.svd(jacobian[:, :n])
+            self._borders = left[:, -1], right[-1]
+        b, c = self._borders
+        matrix = np.block([[jacobian[:, :n], b[:, None]], [c[None, :], np.zeros((1, 1))]])
+        unit = np.append(np.zeros(n), 1.0)
+        kernel, kernel_of_rows = np.linalg.solve(matrix, unit), np.linalg.solve(matrix.T, unit)[:n]
+        step = np.append(kernel[:n], np.zeros(self.free))
+        step *= DIFFERENCE / np.max(np.abs(step))
+        change = self._path(unknowns + step)[1][:n] - self._path(unknowns - step)[1][:n]
+        change *= np.max(np.abs(kernel[:n])) / (2.0 * DIFFERENCE)
+        return float(kernel[n]), -kernel_of_rows @ change
+
+    def _path(self, unknowns: Array) -> tuple[Array, Array]:
+        """Evaluate the flights and both laps; the last row is left out."""
         p, rows = self.values(unknowns), self.impacts(unknowns).tolist()
         setup = self.kernels.setup(*p)
         residual = np.zeros(self.n + 1)
@@ -114,9 +161,7 @@ class Connection:
             residual[row] = rows[second][0] - rows[first][0] - word.period * setup.period
             jacobian[row, 2 * first], jacobian[row, 2 * second] = -1.0, 1.0
             jacobian[row, self.n :] = [-word.period * slope for slope in setup.slopes]
-        residual[self.n] = rows[self.grazing][1]
-        jacobian[self.n, 2 * self.grazing + 1] = 1.0
-        return Connected(self, unknowns, residual, jacobian)
+        return residual, jacobian
 
     def rounding(self, here: Connected) -> Array:
         """Return bounds of the rounding errors of the residuals at a point."""
@@ -150,7 +195,7 @@ class Connection:
         parts += [rows, *(end + k * self.after.period * shift for k in range(1, last + 1))]
         ending = self.walls[len(rows) - len(self.after) :]
         walls = self.walls[: len(begin)] * first + self.walls + ending * last
-        grazing = self.grazing + first * len(begin)
+        grazing = None if self.grazing is None else self.grazing + first * len(begin)
         given = self.model, self.kernels, walls, grazing, self.before, self.after
         return Connection(*given), np.concatenate([np.vstack(parts).ravel(), unknowns[self.n :]])
 

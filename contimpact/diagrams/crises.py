@@ -7,8 +7,9 @@ manifold of the unstable orbit.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -31,7 +32,7 @@ from ..errors import InputError, explain_arguments
 from ..models.model import Model
 from ..models.word import Word, is_rotation
 from ..orbits.orbit import Orbit
-from ..orbits.search import solve_near
+from ..orbits.search import find_orbits, solve_near
 from ..progress import Asked
 from ..results.branch import Branch, Entry, orbit_with
 from ..results.diagram import Diagram
@@ -42,13 +43,13 @@ from ..results.simulate_tables import SETTLING, Settling, SimulateOptions
 from ..results.tables import columns_of
 from ..segments.kernels import Kernels
 from ..segments.touches import interior_touches
-from ..simulation.attractor import Attractor, Kind
+from ..simulation.attractor import Attractor, Kind, distances_between
 from ..simulation.basins import orbits_on
 from ..simulation.run import Run, State
 from ..simulation.settle import settle
 from ..simulation.simulator import Simulator, has_several_coordinates
-from ..simulation.sweep import Row, Sweep, sweep
-from ..simulation.transitions import all_changes
+from ..simulation.sweep import Row, Simulators, Sweep, same_attractor, sweep
+from ..simulation.transitions import all_changes, locate
 from ..storage.texts import Json, json_text
 from .orbit_branch import continue_orbit, tabulate
 
@@ -67,12 +68,20 @@ BESIDE = 1e-6
 """How far beside an orbit the motion along its unstable manifold starts."""
 PATIENT = replace(SETTLING, periods=8000)
 """How long motion beyond a crisis is given: transients are long there."""
+FINER = 1 / 256
+"""Part of a step of a sweep to which an end is bisected before crises without a grazing are looked
+for."""
 NEARER = 0.01, 0.02, 0.05, 0.2, 0.5, 0.8, 0.95
 """Parts of the distance to a crisis at which the attractor is looked for again."""
 NEAR = 0.05
 """The part of it within which it has to be seen, and the crisis found, once more."""
 RETURNING = 40_000
 """Impacts beyond a crisis among which motion is looked for that passes the orbit and returns."""
+WIDER, RARE = 0.02, 1e-3
+"""An attractor has widened if more than this part of its impacts is further than that from all
+impacts before, in periods and in parts of the largest velocity."""
+RUNS = 10
+"""As many times that, after which no attractor has changed."""
 TRIALS = 8
 """How often a crisis is looked for again, nearer by."""
 DEPTH = 24
@@ -91,6 +100,8 @@ ARRIVALS = 20
 """Arrivals from which on those that follow the orbit twice are enough."""
 CLOSE = 0.05
 """How near to an orbit a connection begins and ends, in periods and in its largest velocity."""
+REFINED = 4
+"""Orbits left, of each of which the nearest path is lengthened: how near it is is known then."""
 SAME_FLIGHT = 1e-6
 """How well a simulated flight repeats one of a path; beside a grazing it does by the square root of
 rounding."""
@@ -108,9 +119,9 @@ class Crisis:
     """Notation of the motion that ends."""
     type: str | None
     """``boundary`` if the motion leaves the attractor beyond; ``interior`` if beyond it passes the
-    orbit's stable manifold to both sides and stays complex, so that the attractor has widened, or
-    merged with another one; None if it has not passed yet, or has not settled: the transient is
-    longer than was simulated."""
+    orbit's stable manifold to both sides and stays complex, so that the attractor has widened;
+    ``merging`` if another complex attractor has touched from the other side, as its mirror image;
+    None if it has not settled: the transient is longer than was simulated."""
     after: str
     """What the motion settles on, as far beyond as the first orbit was before the crisis."""
     seen: float
@@ -135,8 +146,9 @@ class Crisis:
         return self.path.problem.walls
 
     @property
-    def grazing(self) -> int:
-        """Number of the impact on the connection whose velocity vanishes."""
+    def grazing(self) -> int | None:
+        """Number of the impact on the connection whose velocity vanishes; None where the attractor
+        touches without a grazing, as in smooth maps."""
         return self.path.problem.grazing
 
     @property
@@ -213,7 +225,7 @@ def locate_crisis(
     ----------
     orbit : Orbit
         Unstable, at a value of its parameter at which the attractor still exists, best near to the
-        crisis; see `find_orbits`.
+        crisis; see `find_orbits`. The closer, the more crises without a grazing are found.
     start : State, optional
         From which the motion settles on the attractor; by default it starts beside the orbit, along
         its unstable manifold.
@@ -229,38 +241,66 @@ def locate_crisis(
     Raises
     ------
     InputError
-        For a system with several coordinates or without forcing, or an orbit that is not
-        unstable in one direction, with a positive multiplier, or not physical.
+        For a system with several coordinates or without forcing, an orbit that is not unstable in
+        one direction, with a positive multiplier, or not physical, or impacts that are no whole
+        number > 0.
     """
     require_one_coordinate(orbit.model, orbit.problem.kernels, "orbit")
+    if type(impacts) is not int or impacts < 1:
+        raise InputError("impacts", f"found {impacts!r}", "give a whole number > 0")
     simulator = Simulator(orbit.model, orbit.problem.kernels)
     _require_saddle(orbit, "orbit")
     attractor = settle(simulator, start) if start else _beside(simulator, orbit)
     if attractor is None or attractor.kind is not Kind.COMPLEX or attractor.state is None:
         settled = attractor.notation if attractor else "periodic motion on both sides"
         return NoCrisis(f"the motion settles on {settled} at {orbit.parameter} = {orbit.value:.9g}")
-    known: float | None = None
+    return _located(orbit, attractor, impacts)
+
+
+def _located(orbit: Orbit, attractor: Attractor, impacts: int) -> Crisis | NoCrisis:
+    """Locate the crisis of an attractor, with a grazing or else without one."""
+    found = _approached(orbit, attractor, impacts, smooth=False)
+    if isinstance(found, Crisis):
+        return found
+    touching = _approached(orbit, attractor, impacts, smooth=True)
+    return (
+        touching
+        if isinstance(touching, Crisis)
+        else NoCrisis(f"{found.reason}; without a grazing, {touching.reason}")
+    )
+
+
+def _approached(
+    orbit: Orbit, attractor: Attractor, impacts: int, smooth: bool
+) -> Crisis | NoCrisis:
+    """Locate a crisis again and again, nearer by, until nothing touches before it."""
+    best: tuple[Connected, float] | None = None
     begun = orbit.value
     for _ in range(TRIALS):
-        nearest = _nearest(orbit, attractor, impacts)
+        nearest = _nearest(orbit, attractor, impacts, smooth)
         if nearest is None:
             break
-        path, error = nearest
-        value = float(path.unknowns[-1])
-        close = abs(orbit.value - value) <= NEAR * abs(begun - value)
-        if close and known is not None and abs(value - known) <= 2.0 * error:
-            return _crisis(orbit, attractor, path, error, 2.0 * value - begun)
-        known = value
-        nearer = _nearer(orbit, attractor, value)
+        ahead = abs(float(nearest[0].unknowns[-1]) - orbit.value)
+        if best is not None:
+            path, error = best
+            value = float(path.unknowns[-1])
+            left = (value - orbit.value) * np.sign(value - begun)
+            if 0.0 < left <= ahead + 2.0 * error and left <= NEAR * abs(value - begun):
+                return _crisis(orbit, attractor, path, error, 2.0 * value - begun)
+            if not 0.0 < left <= ahead:
+                best = None
+        best = best or nearest
+        nearer = _nearer(orbit, attractor, float(best[0].unknowns[-1]))
         if nearer is None:
             break
         orbit, attractor = nearer
     place = f"{orbit.parameter} = {orbit.value:.9g}"
-    if known is None:
-        none = f"no simulated path leads to one that grazes and ends at {orbit.notation} at {place}"
+    if best is None:
+        ends = "ends" if smooth else "grazes and ends"
+        none = f"no simulated path leads to one that {ends} at {orbit.notation} at {place}"
         return NoCrisis(f"{none}, or the motion comes near to that orbit on both sides")
-    reached = f"the nearest connection is at {known:.9g}, and the attractor was seen at {place}"
-    return NoCrisis(f"{reached}, but not both near to each other; simulate more impacts")
+    reached = f"the nearest connection is at {best[0].unknowns[-1]:.9g}, and the attractor was seen"
+    return NoCrisis(f"{reached} at {place}, but not both near to each other; simulate more impacts")
 
 
 def require_one_coordinate(model: Model, kernels: Kernels, where: str) -> None:
@@ -339,12 +379,12 @@ def locate_tangencies(
         raise InputError("arrives", f"{arrives.notation} at other values", accepted)
     simulator = Simulator(leaves.model, leaves.problem.kernels)
     factor, right, _ = unstable_direction(leaves.linearisation)
-    found, tried = list[Tangency](), set[tuple[str, int]]()
+    found, tried = list[Tangency](), set[tuple[str, int | None]]()
     for number in range(2 * starts):
         away = BESIDE * abs(factor) ** (number // 2 / starts) * (-1) ** number
         first = leaves.times[0] + away * right[0], leaves.velocities[0] + away * right[1]
         run = simulator.run(simulator.state(leaves.word.walls[0], *first), impacts=impacts)
-        for path in _solved(simulator, leaves, arrives, run, tried, both=True):
+        for path in _solved(simulator, leaves, arrives, run, tried, _paths, both=True):
             end = _end_of(path, arrives, -1)
             begin = _end_of(path, leaves, 0)
             if end is None or begin is None or not _physical(path):
@@ -402,7 +442,7 @@ def find_crises(
     sweep : Sweep
     diagram : Diagram
         Branches of the same system: their orbits that are physical and unstable in one direction
-        are those of which a crisis is looked for.
+        are those of which a crisis is looked for, and orbits of the word that takes over.
     impacts : int
         Simulated on each attractor.
 
@@ -418,32 +458,74 @@ def find_crises(
     for before, after in all_changes(sweep):
         if before.attractor.kind is not Kind.COMPLEX or after.attractor.kind is Kind.COMPLEX:
             continue
-        orbits = [
-            (orbit, branch.id)
-            for branch in diagram.branches
-            if branch.word
-            for orbit in orbits_on(branch, sweep, before.value, kernels)
-            if _saddle(orbit)
-        ]
-        met = list[Crisis]()
-        low, high = sorted((before.value, after.value))
-        for orbit, branch in orbits:
-            tried = locate_crisis(orbit, before.attractor.state, impacts=impacts)
-            if isinstance(tried, Crisis) and low <= tried.value <= high:
-                met.append(replace(tried, branch=branch))
-        if met:
-            found.append(min(met, key=lambda c: abs(c.value - before.value)))
+        orbits = _unstable_on(diagram, sweep, before.value, kernels)
+        crisis = _first(orbits, before, after, partial(_approached, impacts=impacts, smooth=False))
+        entry, beyond = (None, "") if crisis else _takeover(sweep, before, after)
+        if crisis is None and entry is None and after.attractor.kind is Kind.PERIODIC:
+            width = FINER * abs(after.value - before.value)
+            simulators = Simulators(sweep.model, sweep.parameter, kernels)
+            earlier, left, _, _ = locate(simulators, before, after, width, PATIENT)
+            for row in (left, earlier):
+                orbits = _unstable_on(diagram, sweep, row.value, kernels, after.attractor)
+                crisis = crisis or _first(orbits, row, after, partial(_located, impacts=impacts))
+        if crisis:
+            found.append(crisis)
             continue
         end = (
             f"{before.attractor.notation} ends between {sweep.parameter} = {before.value:.9g} "
             f"and {after.value:.9g} ({before.direction})"
         )
-        entry, beyond = _takeover(sweep, before, after)
         if entry is None:
             words = ", ".join(sorted({orbit.notation for orbit, _ in orbits})) or "none"
-            beyond += f"; no crisis was found of the unstable orbits followed there: {words}"
+            beyond += f"; no crisis was found of the unstable orbits there: {words}"
         found.append(NoCrisis(end + beyond, entry))
     return found
+
+
+Unstable = list[tuple[Orbit, str | None]]
+"""Orbits, and the branches on which they lie."""
+
+
+def _unstable_on(
+    diagram: Diagram,
+    sweep: Sweep,
+    value: float,
+    kernels: Kernels,
+    beyond: Attractor | None = None,
+) -> Unstable:
+    """Return the orbits at a value of which a crisis may be: those on branches, and others of the
+    word of what is seen beyond."""
+    found: Unstable = [
+        (orbit, branch.id)
+        for branch in diagram.branches
+        if branch.word
+        for orbit in orbits_on(branch, sweep, value, kernels)
+        if _saddle(orbit)
+    ]
+    if beyond is not None and beyond.word is not None:
+        word = Word(beyond.word, beyond.period or 1)
+        model = sweep.model.replace(**{sweep.parameter: value})
+        for orbit in find_orbits(model, word, parameter=sweep.parameter, kernels=kernels):
+            if _saddle(orbit) and not any(_same_orbit(orbit, other) for other, _ in found):
+                found.append((orbit, None))
+    return found
+
+
+def _first(
+    orbits: Unstable,
+    before: Row,
+    after: Row,
+    search: Callable[[Orbit, Any], Crisis | NoCrisis],
+) -> Crisis | None:
+    """The crisis of orbits that is met first between two rows; None if there is none."""
+    low, high = sorted((before.value, after.value))
+    met = [
+        replace(tried, branch=branch)
+        for orbit, branch in orbits
+        if isinstance(tried := search(orbit, before.attractor), Crisis)
+        and low <= tried.value <= high
+    ]
+    return min(met, key=lambda c: abs(c.value - before.value), default=None)
 
 
 def _takeover(sweep: Sweep, before: Row, after: Row) -> tuple[Entry | None, str]:
@@ -540,7 +622,11 @@ def add_crises(diagram: Diagram, found: Sequence[Crisis | NoCrisis]) -> Diagram:
             branches[one.branch] = _with_entry(branches[one.branch], one, f"e{number}")
             known.append(one)
     statistics = dict(diagram.statistics)
-    without = [str(none) for none in found if isinstance(none, NoCrisis) and none.entry is None]
+    without = [
+        f"{one}, of an orbit on no branch" if isinstance(one, Crisis) else str(one)
+        for one in found
+        if (one.branch if isinstance(one, Crisis) else one.entry) is None
+    ]
     statistics["notes"] = [*statistics.get("notes", ()), *without]
     return replace(diagram, branches=list(branches.values()), statistics=statistics)
 
@@ -590,16 +676,24 @@ def _saddle(orbit: Orbit, least: float = 1.0) -> bool:
     return bool(orbit.physical and unstable and abs(second) < 1.0)
 
 
-def _nearest(orbit: Orbit, attractor: Attractor, impacts: int) -> tuple[Connected, float] | None:
+def _nearest(
+    orbit: Orbit, attractor: Attractor, impacts: int, smooth: bool
+) -> tuple[Connected, float] | None:
     """The physical connection that is nearest in the parameter to where an attractor was seen."""
     assert attractor.state is not None
     simulator = Simulator(orbit.model, orbit.problem.kernels)
     run = simulator.run(attractor.state, impacts=impacts)
-    paths = _solved(simulator, orbit, orbit, run, set())
+    paths_of = _touching if smooth else _paths
+    paths = [p for p in _solved(simulator, orbit, orbit, run, set(), paths_of) if _physical(p)]
+    found = dict[Word, tuple[Connected, float]]()
     for path in sorted(paths, key=lambda p: abs(p.unknowns[-1] - orbit.value)):
-        if _physical(path) and (found := refined(path)) is not None and _physical(found[0]):
-            return found
-    return None
+        leaves = path.problem.before
+        known = any(is_rotation(leaves.walls, word.walls) for word in found)
+        if not known and (longer := refined(path)) is not None and _physical(longer[0]):
+            found[leaves] = longer
+        if len(found) == REFINED:
+            break
+    return min(found.values(), key=lambda f: abs(f[0].unknowns[-1] - orbit.value), default=None)
 
 
 def _nearer(orbit: Orbit, attractor: Attractor, value: float) -> tuple[Orbit, Attractor] | None:
@@ -621,17 +715,24 @@ def _nearer(orbit: Orbit, attractor: Attractor, value: float) -> tuple[Orbit, At
 
 def _beside(simulator: Simulator, orbit: Orbit, settling: Settling = SETTLING) -> Attractor | None:
     """The complex motion to which the unstable manifold of an orbit leads, if there is one."""
+    sides = _sides(simulator, orbit, settling)
+    return next((found for found in sides if found.kind is Kind.COMPLEX), None)
+
+
+def _sides(simulator: Simulator, orbit: Orbit, settling: Settling) -> Iterator[Attractor]:
+    """What the motions settle on that leave an orbit along its unstable manifold to both sides."""
     _, right, _ = unstable_direction(orbit.linearisation)
     wall = orbit.word.walls[0]
     for side in (BESIDE, -BESIDE):
         time, velocity = orbit.times[0] + side * right[0], orbit.velocities[0] + side * right[1]
-        found = settle(simulator, simulator.state(wall, time, velocity), settling)
-        if found.kind is Kind.COMPLEX:
-            return found
-    return None
+        yield settle(simulator, simulator.state(wall, time, velocity), settling)
 
 
 # From a run to paths that are nearly connections.
+
+
+Guess = tuple[str, int | None, Array, Word]
+"""The walls of a path, the impact that grazes or None, the impacts, and the orbit it leaves."""
 
 
 def _solved(
@@ -639,7 +740,8 @@ def _solved(
     leaves: Orbit,
     orbit: Orbit,
     run: Run,
-    tried: set[tuple[str, int]],
+    tried: set[tuple[str, int | None]],
+    paths_of: Callable[[Simulator, Orbit, str, Array], Iterator[Guess]],
     both: bool = False,
 ) -> list[Connected]:
     """Solve for the connections that the nearest arrivals at an orbit are close to, each once.
@@ -656,7 +758,7 @@ def _solved(
         arrival = rows[-1, 0] + times[entry] - times[entry - 1]
         rows = np.vstack([rows, *_laps(orbit, 0, arrival, range(LAPS))])
         made = text[part] + orbit.word.walls * LAPS
-        for walls, grazing, impacts, before in _paths(simulator, leaves, made, rows):
+        for walls, grazing, impacts, before in paths_of(simulator, leaves, made, rows):
             if (walls, grazing) in tried or len(tried) >= PATHS:
                 continue
             tried.add((walls, grazing))
@@ -708,10 +810,6 @@ def _entries(run: Run, text: str, orbit: Orbit, both: bool) -> list[int] | None:
     return nearest if both or len(sides) < 2 else None
 
 
-Guess = tuple[str, int, Array, Word]
-"""The walls of a path, the impact that grazes, the impacts, and the orbit it leaves."""
-
-
 def _paths(simulator: Simulator, orbit: Orbit, walls: str, rows: Array) -> Iterator[Guess]:
     """Return paths near to an arrival: those that leave the orbit itself, and the one that leaves
     the orbit which the motion has followed before."""
@@ -724,6 +822,25 @@ def _paths(simulator: Simulator, orbit: Orbit, walls: str, rows: Array) -> Itera
         if (tail := _tail(path[:place], impacts[:place, 0], simulator.period)) is not None:
             begin, before = tail
             yield path[begin:], place - begin, impacts[begin:], before
+
+
+def _touching(simulator: Simulator, orbit: Orbit, walls: str, rows: Array) -> Iterator[Guess]:
+    """Return paths near to an arrival without a grazing, from the orbits that the motion has
+    followed before."""
+    followed = dict[str, tuple[float, int, int, Word]]()
+    for place in range(BEFORE - DEPTH + 1, BEFORE + 1):
+        tail = _tail(walls[:place], rows[:place, 0], simulator.period)
+        if tail is not None:
+            begin, before = tail
+            lap = len(before)
+            change = abs(rows[place - 1, 1] - rows[place - 1 - lap, 1])
+            name = min(before.walls[k:] + before.walls[:k] for k in range(lap))
+            followed[name] = min(followed.get(name, (np.inf,)), (change, place, begin, before))
+    for _, place, begin, before in followed.values():
+        yield walls[begin:], None, rows[begin:], before
+        if is_rotation(before.walls, orbit.word.walls):
+            for path, _, impacts, word in _leaving(orbit, walls, place, rows):
+                yield path, None, impacts, word
 
 
 def _leaving(orbit: Orbit, walls: str, grazing: int, rows: Array) -> Iterator[Guess]:
@@ -804,19 +921,62 @@ def _physical(path: Connected) -> bool:
 
 def _crisis(
     orbit: Orbit, attractor: Attractor, path: Connected, error: float, beyond: float
-) -> Crisis:
+) -> Crisis | NoCrisis:
     """Describe a crisis: the orbit there, and what the motion settles on beyond."""
     value = float(path.unknowns[-1])
     here = solve_near(orbit.problem, np.append(orbit.unknowns[:-1], value))
     there = Orbit(orbit.problem, here) if here is not None else orbit
     model = orbit.model.replace(**{orbit.parameter: beyond})
     kernels = orbit.problem.kernels
-    after = settle(Simulator(model, kernels), attractor.state, PATIENT)
-    type_ = None if after.kind in (Kind.COMPLEX, Kind.NOT_SETTLED) else "boundary"
-    if after.kind is Kind.COMPLEX and passes_and_returns(orbit, after, beyond):
-        type_ = "interior"
+    simulator = Simulator(model, kernels)
+    after = settle(simulator, attractor.state, PATIENT)
+    type_: str | None = None
+    touches = f"where a manifold touches that of {orbit.notation}, at {value:.15g}"
+    for _ in range(RUNS):
+        if after.kind is not Kind.COMPLEX or after.state is None:
+            break
+        if passes_and_returns(orbit, after, beyond):
+            if not _has_widened(orbit, attractor, simulator, after):
+                reached = f"motion beyond passes the orbit, at {beyond:.9g}, to where it was before"
+                return NoCrisis(f"{touches}, no attractor changes: {reached}")
+            type_ = "merging" if _parts_two(orbit) else "interior"
+            break
+        end = simulator.run(after.state, impacts=RETURNING, record=False).end
+        after = settle(simulator, end)
+    else:
+        seen = f"motion stays complex, and does not pass the orbit at {beyond:.9g}"
+        return NoCrisis(f"{touches}, no attractor changes: {seen}, in {RUNS * RETURNING} impacts")
+    if after.kind not in (Kind.COMPLEX, Kind.NOT_SETTLED):
+        type_ = "boundary"
     names = attractor.notation, type_, after.notation
     return Crisis(orbit.parameter, value, error, *names, orbit.value, there, path, there.model)
+
+
+def _has_widened(
+    orbit: Orbit, attractor: Attractor, simulator: Simulator, after: Attractor
+) -> bool:
+    """Whether complex motion beyond a crisis reaches where the attractor was not before."""
+    before = Simulator(orbit.model, orbit.problem.kernels)
+    runs = [
+        (one, at.run(one.state, impacts=RETURNING))
+        for at, one in ((before, attractor), (simulator, after))
+        if one.state is not None
+    ]
+    known, reached = (
+        replace(one, walls=run.walls, times=run.times, velocities=run.velocities)
+        for one, run in runs
+    )
+    furthest = partial(np.quantile, q=1.0 - RARE)
+    return distances_between(reached, known, RETURNING, furthest)[0] > WIDER
+
+
+def _parts_two(orbit: Orbit) -> bool:
+    """Whether an orbit's unstable manifold leads to one complex attractor on one side, and to
+    another one on the other."""
+    simulator = Simulator(orbit.model, orbit.problem.kernels)
+    one, other = _sides(simulator, orbit, PATIENT)
+    both = one.kind is other.kind is Kind.COMPLEX
+    return both and not same_attractor(one, other)
 
 
 def passes_and_returns(orbit: Orbit, after: Attractor, value: float) -> bool:

@@ -96,7 +96,7 @@ class CrisisEnd:
     orbit: str
     """`attractor`, `orbit`: notations, the second of the unstable orbit."""
     type: str | None
-    """``boundary`` or ``interior``; None if the motion has not passed the orbit beyond."""
+    """``boundary``, ``interior`` or ``merging``; None if the motion beyond has not settled."""
     after: str
     """What the motion settles on beyond."""
 
@@ -108,7 +108,8 @@ class CrisisEnd:
             )
             unknown = "of a type that simulation does not show"
             return f"{what} ({self.entry}), {unknown}; beyond: {self.after}"
-        does, article = ("widens", "an") if self.type == "interior" else ("ends", "a")
+        verbs = {"interior": "widens", "merging": "merges with another one"}
+        does, article = verbs.get(self.type, "ends"), "an" if self.type == "interior" else "a"
         what = f"the chaos {self.attractor} {does} at {place} in {article} {self.type} crisis"
         return f"{what} on the unstable {self.orbit} ({self.entry}); beyond: {self.after}"
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
@@ -541,3 +541,37 @@ def _cycle_of_states(
         miss,
         **more,
     )
+
+
+OTHER = 1e3
+"""More than any distance between attractors: that of different motions."""
+POINTS = 200
+"""Impacts of an attractor that are compared."""
+
+
+def distances_between(
+    one: Attractor, other: Attractor, points: int = POINTS, of: Callable[[Array], Any] = np.mean
+) -> tuple[float, float]:
+    """The mean distance of the impacts of an attractor from those of another one, and the reverse;
+    or the largest one, or another number of the distances.
+
+    An attractor of which only a part was visited is near to all of it, not the reverse.
+    """
+    from scipy.spatial import cKDTree
+
+    if not len(one.times) or not len(other.times):
+        return (OTHER, OTHER) if len(one.times) or len(other.times) else (0.0, 0.0)
+    fastest = max(float(np.max(np.abs(a.velocities))) for a in (one, other)) or 1.0
+    clouds = [_cloud(a, fastest, points) for a in (one, other)]
+    first, second = (float(of(cKDTree(clouds[1 - k]).query(clouds[k])[0])) for k in (0, 1))
+    return first, second
+
+
+def _cloud(attractor: Attractor, fastest: float, points: int) -> Array:
+    """Impacts as points: the phase on a circle of circumference one, velocity, wall."""
+    every = max(1, len(attractor.times) // points)
+    angle = 2.0 * np.pi * attractor.times[::every] / attractor.forcing_period
+    circle = np.column_stack([np.cos(angle), np.sin(angle)]) / (2.0 * np.pi)
+    velocity = attractor.velocities[::every] / fastest
+    walls = attractor.walls[: len(attractor.times)][::every].astype(float)
+    return np.column_stack([circle, velocity, walls])

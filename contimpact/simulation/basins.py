@@ -22,11 +22,11 @@ from ..results.diagram import Diagram
 from ..results.simulate_tables import SETTLING, Settling
 from ..results.tables import columns_of
 from ..segments.kernels import Kernels
-from .attractor import Attractor, Kind
+from .attractor import OTHER, Attractor, Kind, distances_between
 from .run import Outcome, Run, State
 from .settle import settle
 from .simulator import Batch, Simulator, as_simulator
-from .sweep import Row, Sweep, same_attractor
+from .sweep import APART, Row, Sweep, same_attractor
 
 REACHED = 1e-5
 """A motion this near to a known periodic attractor, round after round, has reached it."""
@@ -236,14 +236,20 @@ def _settled_number(
     """The number of the attractor that a motion settles on.
 
     Where complex motion is among the attractors, one that has not settled after a tenth of the
-    periods of `settling` is taken for it.
+    periods of `settling`, and whose impacts are near to it, is taken for it.
     """
     kinds = [attractor.kind for attractor in found]
     if Kind.COMPLEX in kinds:
         quick = replace(settling, transient=0, periods=settling.periods // 10, impacts=200)
         attractor = settle(simulator, state, quick)
         if attractor.kind in (Kind.COMPLEX, Kind.NOT_SETTLED):
-            return kinds.index(Kind.COMPLEX)
+            apart = [
+                min(distances_between(attractor, one)) if one.kind is Kind.COMPLEX else OTHER
+                for one in found
+            ]
+            if min(apart) < APART:
+                return apart.index(min(apart))
+            attractor = settle(simulator, state, settling)
     else:
         attractor = settle(simulator, state, settling)
     for number, other in enumerate(found):

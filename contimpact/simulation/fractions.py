@@ -33,7 +33,7 @@ from ..results.simulate_tables import (
 )
 from ..segments.kernels import Kernels
 from ..storage.texts import csv_text
-from .attractor import Attractor, Kind
+from .attractor import OTHER, Attractor, Kind, distances_between
 from .basins import attractor_numbers, is_orbit, parts_of
 from .run import OutsideError, State
 from .settle import settle
@@ -43,14 +43,10 @@ from .sweep import Simulators
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-OTHER = 1e3
-"""More than any distance between attractors: that of different motions."""
 STEPS = 100
 """Solutions tried at most on the way of an orbit from one value to the next."""
 OFF = 0.1
 """Part of a step along the tangent by which the orbit may be beside it."""
-POINTS = 200
-"""Impacts of an attractor that are compared."""
 DRAWS = 1000
 """How often a start beyond a wall is drawn again."""
 
@@ -420,7 +416,11 @@ def _costs(
     orbit = None
     if before.kind is Kind.PERIODIC and any(before.word == one.word for one in known):
         orbit = _followed(before.orbit(simulators.model, simulators.parameter), value)
-    costs = [_apart(one, before) for one in known]
+    counts = before.notation.partition("/")[0]
+    costs = [
+        max(distances_between(one, before)) if one.notation.partition("/")[0] == counts else OTHER
+        for one in known
+    ]
     if orbit is None:
         return costs
     impacts, stable = orbit.problem.impacts(orbit.unknowns), orbit.stable and orbit.physical
@@ -452,29 +452,3 @@ def _followed(orbit: Orbit, value: float) -> Orbit | None:
         else:
             orbit, part = Orbit(problem, there), min(2.0 * part, 1.0)
     return None
-
-
-def _apart(one: Attractor, other: Attractor) -> float:
-    """The mean distance of the impacts of two attractors from each other's, where their counts of
-    impacts are the same."""
-    from scipy.spatial import cKDTree
-
-    counts = [a.notation.partition("/")[0] for a in (one, other)]
-    if counts[0] != counts[1] or (len(one.times) == 0) != (len(other.times) == 0):
-        return OTHER
-    if not len(one.times):
-        return 0.0
-    fastest = max(float(np.max(np.abs(a.velocities))) for a in (one, other)) or 1.0
-    clouds = [_cloud(a, fastest) for a in (one, other)]
-    trees = [cKDTree(cloud) for cloud in clouds]
-    return max(float(np.mean(trees[1 - k].query(clouds[k])[0])) for k in (0, 1))
-
-
-def _cloud(attractor: Attractor, fastest: float) -> Array:
-    """Impacts as points: the phase on a circle of circumference one, velocity, wall."""
-    every = max(1, len(attractor.times) // POINTS)
-    angle = 2.0 * np.pi * attractor.times[::every] / attractor.forcing_period
-    circle = np.column_stack([np.cos(angle), np.sin(angle)]) / (2.0 * np.pi)
-    velocity = attractor.velocities[::every] / fastest
-    walls = attractor.walls[: len(attractor.times)][::every].astype(float)
-    return np.column_stack([circle, velocity, walls])

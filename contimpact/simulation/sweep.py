@@ -23,13 +23,17 @@ from ..results.simulate_tables import SETTLING, Settling
 from ..results.tables import coordinates, same_data
 from ..segments.kernels import Kernels
 from ..storage.texts import build_record
-from .attractor import Attractor, Kind
+from .attractor import Attractor, Kind, distances_between
 from .run import State
 from .settle import settle
 from .simulator import Simulator, as_simulator
 
 SAME = 1e-6
 """Periodic attractors whose velocities and phases differ by less are one."""
+APART = 0.03
+"""Complex motions whose impacts are on average further from each other's, both ways, are two:
+distances of phases in periods, of velocities in parts of the largest. Those of two runs of one
+attractor are ten times as near."""
 
 
 @dataclass(frozen=True)
@@ -269,12 +273,18 @@ def sweep_rows(
 
 
 def same_attractor(one: Attractor, other: Attractor, tolerance: float = SAME) -> bool:
-    """Whether two attractors at the same parameter values are one."""
+    """Whether two attractors at the same parameter values are one.
+
+    Complex ones are compared as sets of impacts: runs that each visit another part of one attractor
+    count as two.
+    """
     if one.label != other.label:
         return False
     if one.motion is not None and other.motion is not None:
         sizes = 1.0 + np.max(np.abs(one.motion))
         return bool(np.max(np.abs(np.subtract(one.motion, other.motion))) < tolerance * sizes)
+    if one.kind is Kind.COMPLEX:
+        return min(distances_between(one, other)) < APART
     if one.kind is not Kind.PERIODIC:
         return True
     T = one.forcing_period

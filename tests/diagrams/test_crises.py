@@ -37,9 +37,10 @@ from contimpact.results.catalogue import load_diagram, write_diagram
 from contimpact.results.diagram import Diagram
 from contimpact.results.simulate_tables import Settling
 from contimpact.simulation.attractor import Kind
+from contimpact.simulation.basins import attractor_numbers
 from contimpact.simulation.settle import settle
 from contimpact.simulation.simulator import Simulator
-from contimpact.simulation.sweep import Simulators, sweep
+from contimpact.simulation.sweep import Simulators, same_attractor, sweep
 from contimpact.simulation.transitions import explain_transition, transitions_between
 from contimpact.systems.impact_pair import ImpactPair
 
@@ -223,10 +224,16 @@ def test_a_crisis_met_twice_is_one_entry(crisis):
     assert found.statistics["notes"] == ["no crisis: for a reason"]
 
 
-def test_an_end_without_a_crisis_is_reported(swept):
+def test_a_crisis_of_an_orbit_on_no_branch_is_in_the_notes(swept):
     (found,) = find_crises(swept, Diagram("none", []))
-    assert "1:1/C ends between s = 0.3558 and 0.3548" in found.reason
-    assert json.loads(crises_text([found], "s"))["unexplained"] == [found.reason]
+    assert isinstance(found, Crisis)
+    assert abs(found.value - FIG7) <= found.error
+    (note,) = add_crises(Diagram("none", []), [found]).statistics["notes"]
+    assert note.endswith("of an orbit on no branch")
+
+
+def test_an_end_without_a_crisis_is_reported():
+    assert json.loads(crises_text([NoCrisis("why")], "s"))["unexplained"] == ["why"]
 
 
 @pytest.mark.parametrize(
@@ -291,7 +298,7 @@ def test_motion_passes_an_orbit_within_its_attractor_and_returns():
         assert passes_and_returns(orbit, motion, orbit.value) is (orbit is within)
 
 
-@pytest.mark.parametrize("kind", ["boundary", "interior", None])
+@pytest.mark.parametrize("kind", ["boundary", "interior", "merging", None])
 def test_the_type_of_a_crisis_in_words(crisis, kind):
     typed = replace(crisis, type=kind, branch="b1")
     branch = continue_orbit(unstable(0.3556), range=(0.355, 0.3565), events=(), name="b1")
@@ -299,6 +306,7 @@ def test_the_type_of_a_crisis_in_words(crisis, kind):
     said = {
         "boundary": "ends at s = 0.355220528 in a boundary crisis on the unstable 2:1",
         "interior": "widens at s = 0.355220528 in an interior crisis on the unstable 2:1",
+        "merging": "merges with another one at s = 0.355220528 in a merging crisis on the unst",
         None: "in a crisis (e1), of a type that simulation does not show",
     }
     assert said[kind] in text
@@ -321,7 +329,90 @@ def test_heteroclinic_tangencies_in_thirty_digits():
             assert abs(again - mp.mpf(one.value)) <= one.error < 1e-12
 
 
+@pytest.fixture(scope="module")
+def symmetric():
+    """1:1 of a level capsule, unstable: its own mirror image, between two complex attractors."""
+    model = ImpactPair(beta=0.0, r=0.5, A=5.0, s=0.2003)
+    return next(o for o in find_orbits(model, "1:1", parameter="s") if o.physical)
+
+
+def mirror_images(simulator, orbit):
+    """What motions settle on that leave the orbit to both sides; each is the other's mirror."""
+    wall, time, velocity = orbit.word.walls[0], orbit.times[0], orbit.velocities[0]
+    return [settle(simulator, simulator.state(wall, time + d, velocity)) for d in (1e-4, -1e-4)]
+
+
+def test_two_complex_attractors_of_one_notation_are_two(symmetric):
+    """As many as there are notations where the mirror images have two; else by their impacts."""
+    simulator = Simulator(symmetric.model)
+    one, other = mirror_images(simulator, symmetric)
+    assert [one.kind, other.kind] == [Kind.COMPLEX] * 2
+    again = settle(simulator, one.state, Settling(impacts=5000))
+    assert same_attractor(one, again)
+    assert not same_attractor(one, other)
+    states = [a.state for a in (one, other, one, other)]
+    assert attractor_numbers(simulator, states, [], Settling()) == [0, 1, 0, 1]
+
+
+@pytest.mark.full
+def test_mirror_images_merge_without_a_grazing(symmetric):
+    """Simulated on both sides: before, motion keeps to one side of the symmetric orbit; beyond, as
+    many impacts are on either wall."""
+    crisis = locate_crisis(symmetric)
+    assert isinstance(crisis, Crisis)
+    assert (crisis.type, crisis.grazing, crisis.after) == ("merging", None, "1:1/C")
+    assert crisis.error < 1e-12
+    for side in (1e-5, -1e-3):
+        simulator = Simulator(crisis.model.replace(s=crisis.value + side))
+        for motion in mirror_images(simulator, crisis.orbit):
+            run = simulator.run(motion.state, impacts=200_000)
+            share = float(np.mean(run.walls == 0))
+            assert abs(share - 0.5) > 0.1 if side > 0.0 else abs(share - 0.5) < 0.03
+    longer = crisis.path.problem.longer(crisis.path.unknowns, 1, 1)
+    again = solve(*longer)
+    assert abs(again.unknowns[-1] - crisis.value) <= crisis.error + error_of(again)
+    with mp.workdps(30):
+        assert_two_connections_meet(crisis)
+
+
+def assert_two_connections_meet(crisis):
+    """By the flights written out: the path's equations have a kernel, so that to second order two
+    solutions leave the crisis to one side of s alone."""
+    kept = crisis.connection()
+    walls, n = kept["walls"], 2 * len(kept["walls"])
+    before = len(crisis.path.problem.before), crisis.path.problem.before.period
+    values = {name: mp.mpf(x) for name, x in crisis.orbit.parameters.items()}
+
+    def residual(z, s):
+        at, last = {**values, "s": s}, len(walls) - 1
+        rows = [(z[2 * k], z[2 * k + 1]) for k in range(len(walls))]
+        found = [
+            x
+            for k in range(last)
+            for x in pair_flight(
+                at, "cos(pi*t)", walls[k : k + 1], walls[k + 1], *rows[k], *rows[k + 1]
+            )[0]
+        ]
+        ends = rows[before[0]][0] - rows[0][0] - 2 * before[1], rows[-1][0] - rows[-3][0] - 2
+        return mp.matrix([*found, *ends])
+
+    z = mp.matrix([x for row in zip(kept["times"], kept["velocities"], strict=True) for x in row])
+    s, step = mp.mpf(crisis.value), mp.mpf("1e-14")
+    here = residual(z, s)
+    assert max(abs(x) for x in here) < 1e-11
+    jacobian = mp.matrix(n, n)
+    for k in range(n):
+        moved = z.copy()
+        moved[k] += step
+        jacobian[:, k] = (residual(moved, s) - here) / step
+    singular = np.linalg.svd(np.array(jacobian.tolist(), dtype=float), compute_uv=False)
+    assert singular[-1] < 1e-9 * singular[-2]
+
+
 def test_refusals():
+    for count in (0, 2.5):
+        with pytest.raises(InputError, match=rf"impacts: found {count}; give a whole number > 0"):
+            locate_crisis(unstable(0.3556), impacts=count)
     masses = {"system": "two-masses", "parameters": {**TWO_MASSES}}
     given = scene(
         model=masses,
