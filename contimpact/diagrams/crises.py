@@ -286,6 +286,8 @@ def _approached(
             value = float(path.unknowns[-1])
             left = (value - orbit.value) * np.sign(value - begun)
             if 0.0 < left <= ahead + 2.0 * error and left <= NEAR * abs(value - begun):
+                if not _lasts(orbit, attractor):
+                    break
                 return _crisis(orbit, attractor, path, error, 2.0 * value - begun)
             if not 0.0 < left <= ahead:
                 best = None
@@ -300,7 +302,9 @@ def _approached(
         none = f"no simulated path leads to one that {ends} at {orbit.notation} at {place}"
         return NoCrisis(f"{none}, or the motion comes near to that orbit on both sides")
     reached = f"the nearest connection is at {best[0].unknowns[-1]:.9g}, and the attractor was seen"
-    return NoCrisis(f"{reached} at {place}, but not both near to each other; simulate more impacts")
+    return NoCrisis(
+        f"{reached} at {place}, but not both near to each other, or not for long; simulate more"
+    )
 
 
 def require_one_coordinate(model: Model, kernels: Kernels, where: str) -> None:
@@ -968,6 +972,14 @@ def _has_widened(
     )
     furthest = partial(np.quantile, q=1.0 - RARE)
     return distances_between(reached, known, RETURNING, furthest)[0] > WIDER
+
+
+def _lasts(orbit: Orbit, attractor: Attractor) -> bool:
+    """Whether complex motion stays so for long: close to a crisis it may be a transient already."""
+    assert attractor.state is not None
+    simulator = Simulator(orbit.model, orbit.problem.kernels)
+    end = simulator.run(attractor.state, impacts=RUNS * RETURNING, record=False).end
+    return end is not None and settle(simulator, end).kind is Kind.COMPLEX
 
 
 def _parts_two(orbit: Orbit) -> bool:

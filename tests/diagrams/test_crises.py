@@ -375,6 +375,17 @@ def test_mirror_images_merge_without_a_grazing(symmetric):
         assert_two_connections_meet(crisis)
 
 
+@pytest.mark.full
+def test_a_tangency_at_which_no_attractor_changes_is_refused():
+    """Counted by a program of its own, 24% of the impacts of 3:1/C are on T on both sides of it."""
+    model = ImpactPair(beta=math.pi / 3, r=0.8, A=5.0, s=0.1452)
+    orbits = find_orbits(model, "3:1", parameter="s")
+    orbit = next(o for o in orbits if o.physical and o.multipliers[0].real > 40.0)
+    found = locate_crisis(orbit, Simulator(model).state("B", 0.3, 1.0))
+    assert isinstance(found, NoCrisis)
+    assert "at 0.145283921176635, no attractor changes: motion beyond passes" in found.reason
+
+
 def assert_two_connections_meet(crisis):
     """By the flights written out: the path's equations have a kernel, so that to second order two
     solutions leave the crisis to one side of s alone."""
