@@ -4,8 +4,12 @@ An orbit turns unphysical at a G, V or T, and the number of its multipliers outs
 changes at an FB, BP, PD or NS, or where impacts merge (T): each kind says so itself. Where it does
 so between two points, an event of a kind that was asked for may have caused it, and none was found,
 the arc is searched again, ever closer to the change; what is still not explained is recorded as
-missed. A change that only other kinds cause costs nothing. A walk that starts on an event has the
-stability of neither side there: a point next to the start tells with which one it leaves.
+missed. A change that only other kinds cause costs nothing.
+
+A walk that starts on an event has the stability of neither side there: a point next to the start
+tells with which one it leaves. Where the event is the birth of an impact, determinants vanish with
+a flight, and others may crowd beside it: each multiplier that passes the unit circle up to the
+first point needs an event.
 """
 
 from __future__ import annotations
@@ -79,7 +83,13 @@ def explain_changes(
         if i > 0 or not switched
     ]
     if switched and Change.STABILITY in sought and 1 in places:
-        changes[:0] = _change_on_leaving(problem, walk, settings)
+        for ends in _ends_of_leaving(problem, walk, settings):
+            if _unexplained(events, *ends, asked, turn):
+                found, _ = _bisect_change(problem, *ends, tests, settings, Change.STABILITY)
+                events += [event for event in found if not _is_recorded(event, events)]
+            arc = _arc(problem, *ends, settings)
+            lacking = _unexplained(events, *ends, asked, turn)
+            missed += [_missed_change(kind, arc, Change.STABILITY) for kind in lacking]
     for left, right, change in changes:
         if _explains(events, left, right, change, turn):
             continue
@@ -127,10 +137,11 @@ def _changes(
     return sorted(changes, key=lambda found: found[0])
 
 
-def _change_on_leaving(
+def _ends_of_leaving(
     problem: OrbitProblem, walk: Walk[Linearisation], settings: Settings
-) -> list[tuple[OrbitPoint, OrbitPoint, Change]]:
-    """The change of stability between next to the event a walk starts on and its first point."""
+) -> list[tuple[OrbitPoint, OrbitPoint]]:
+    """A point next to the event a walk starts on, and the first point, if multipliers pass the unit
+    circle between them."""
     first = walk.points[1]
     arc = _arc(problem, walk.points[0], first, settings)
     for fraction in BESIDE:
@@ -138,9 +149,24 @@ def _change_on_leaving(
         if beside is None or not arc.left.arclength < beside.arclength < first.arclength:
             continue
         if np.all(np.abs(np.abs(beside.evaluation.multipliers) - 1.0) > ON_CIRCLE):
-            changed = beside.evaluation.n_unstable != first.evaluation.n_unstable
-            return [(beside, first, Change.STABILITY)] if changed else []
+            return [(beside, first)] if _count_outside(beside) != _count_outside(first) else []
     return []
+
+
+def _unexplained(
+    events: Sequence[OrbitEvent],
+    left: OrbitPoint,
+    right: OrbitPoint,
+    asked: Collection[str],
+    turn: float,
+) -> list[str]:
+    """Kinds that were asked for and are lacking: one for each multiplier that passes the unit
+    circle between two points without an event."""
+    between = {event.kind for event in events if _lies_between(event, left, right, turn)}
+    if any(all(map(kind_of(kind).explains, Change)) for kind in between):
+        return []
+    causes = [kinds for kinds in _causes_by_multiplier(left, right) if between.isdisjoint(kinds)]
+    return [kind for kinds in causes for kind in [k for k in kinds if k in asked][:1]]
 
 
 def _arc(problem: OrbitProblem, left: OrbitPoint, right: OrbitPoint, settings: Settings) -> Arc:
@@ -159,11 +185,17 @@ def _explains(
 
     `turn` is the length of a closed branch: an event at its start is at its end, too.
     """
+    return any(
+        kind_of(event.kind).explains(change) and _lies_between(event, left, right, turn)
+        for event in events
+    )
+
+
+def _lies_between(event: OrbitEvent, left: OrbitPoint, right: OrbitPoint, turn: float) -> bool:
+    """Whether an event lies between two points, or on one of them."""
     slack = 1e-9 * (right.arclength - left.arclength)
     return any(
-        kind_of(event.kind).explains(change)
-        and left.arclength - slack <= event.point.arclength + way <= right.arclength + slack
-        for event in events
+        left.arclength - slack <= event.point.arclength + way <= right.arclength + slack
         for way in (0.0, turn, -turn)
     )
 
@@ -212,23 +244,28 @@ def _state_of(change: Change) -> Callable[[OrbitPoint], int]:
 
 
 def _find(tests: Sequence[TestFunction[Linearisation]], arc: Arc) -> list[OrbitEvent]:
-    ends = (
+    left, right = (
         Sample(point.arclength, [test.at(point) for test in tests])
         for point in (arc.left, arc.right)
     )
-    return find_events(tests, arc, Stretch(*ends))[0]
+    return find_events(tests, arc, Stretch(left, right))[0]
 
 
 def _causes(left: OrbitPoint, right: OrbitPoint, change: Change) -> list[str]:
     """The kinds of events of which one at least lies where a status changes between two points."""
-    kinds = [kind_of(name) for name in KINDS]
     if change is Change.PHYSICALITY:
         finding = int(_unphysical_point(left, right).evaluation.numbers[-6])
-        return [kind.name for kind in kinds if kind.finding == finding]
+        return [name for name in KINDS if kind_of(name).finding == finding]
+    return [kind for kinds in _causes_by_multiplier(left, right) for kind in kinds]
+
+
+def _causes_by_multiplier(left: OrbitPoint, right: OrbitPoint) -> list[list[str]]:
+    """The kinds of events of which one at least lies between two points, for each place at which
+    multipliers pass the unit circle there."""
     above, below, pairs = np.subtract(_count_outside(left), _count_outside(right))
     several = pairs or abs(above + below) > 1
     passed = [value for value, moved in ((1.0, above), (-1.0, below), (None, several)) if moved]
-    return [kind.name for kind in kinds if any(kind.passed(value) for value in passed)]
+    return [[name for name in KINDS if kind_of(name).passed(value)] for value in passed]
 
 
 def _count_outside(point: OrbitPoint) -> tuple[int, int, int]:
@@ -253,6 +290,8 @@ def _missed_change(kind: str, arc: Arc, change: Change) -> MissedEvent:
     else:
         counts = left.evaluation.n_unstable, right.evaluation.n_unstable
         what = f"the number of unstable multipliers changes from {counts[0]} to {counts[1]} there"
+        if counts[0] == counts[1]:
+            what = "one multiplier leaves the unit circle there and another one enters it"
     reason = f"{what}, but no event that explains it was located"
     span = right.arclength - left.arclength
     if span <= CLOSED_IN * (1.0 + right.arclength):

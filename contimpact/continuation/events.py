@@ -250,7 +250,8 @@ def _locate_by_newton(test: TestFunction, arc: Arc, guess: Point, index: int) ->
     here = located.evaluation or arc.problem.evaluate(located.unknowns)
     point = arc.event_point(here, guess.iterations)
     details = {"index": index, **located.details}
-    return Event(test.kind, point, located.residual, located.error, "newton", details)
+    event = Event(test.kind, point, located.residual, located.error, "newton", details)
+    return event if test.accept(event) else None
 
 
 def _locate_by_bracket(

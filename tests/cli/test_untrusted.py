@@ -6,6 +6,7 @@ import csv
 import dataclasses
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -400,7 +401,9 @@ def test_names_that_a_terminal_does_not_know(tmp_path):
 @pytest.mark.quick(1)
 def test_backends_that_do_not_exist(folder, backend):
     said = python("plot", str(folder), MPLBACKEND=backend)
-    assert (said.returncode, said.stderr) == (0, b"")
+    progress = rb"[\w-]+, \d+ s: \w+"  # which a slow machine tells
+    lines = said.stderr.splitlines()
+    assert (said.returncode, [x for x in lines if not re.fullmatch(progress, x)]) == (0, [])
     assert (folder / "diagram.png").stat().st_size > 1000
 
 

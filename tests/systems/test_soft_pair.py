@@ -13,6 +13,7 @@ from zoo import ROOT
 
 import contimpact as ci
 from contimpact.accuracy.reference import Reference
+from contimpact.bifurcations.doubling import PeriodDoubling
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.errors import InputError
 from contimpact.models.word import Word
@@ -448,3 +449,45 @@ def test_friction_has_its_own_modes():
 @pytest.mark.full
 def test_formulas_with_friction_agree():
     assert "symmetry at all" in check_model(soft_pair(beta=0.0, mu=0.1))[-1]
+
+
+@pytest.fixture(scope="module")
+def stiff():
+    """1:1 and 2:1 where a V, a PD and an FB lie within 6e-12 m."""
+    model = {"system": "soft-pair", "parameters": STIFF}
+    follow = {
+        "parameter": "s",
+        "range": [0.32, 0.4],
+        "orbits": ["BbTt"],
+        "depth": 1,
+        "switch": ["G"],
+    }
+    detect = {"events": ["FB", "PD", "G", "V"]}
+    numerics = {"starts": 32, "rounds": 1}
+    given = {"name": "stiff", "model": model, "follow": follow, "detect": detect}
+    return ci.read_scene(given | {"numerics": numerics})
+
+
+STIFF = {"beta": math.pi / 6, "r": 0.3, "A": 5.0, "s": 0.39, "k": 50_000.0}
+
+
+@pytest.mark.full
+def test_a_doubling_beside_the_birth_of_an_impact(stiff):
+    """The multiplier passes from -73 through -1 and 1 to 61 within 6e-12 m: determinants vanish at
+    the V, too, where a contact does."""
+    (born,) = [b for b in ci.follow(stiff).branches if b.word == "BbBbTt"]
+    beside = [e for e in born.events if abs(e.value - 0.32614520801) < 1e-10]
+    assert sorted(e.kind for e in beside) == ["FB", "PD", "V"]
+    values = {e.kind: e.value for e in beside}
+    assert values["V"] > values["PD"] > values["FB"]
+    assert born.missed == []
+
+
+@pytest.mark.full
+def test_a_doubling_that_is_lost_there_is_missed(stiff, monkeypatch):
+    """With the FB beside it, as many multipliers are outside on both sides."""
+    monkeypatch.setattr(PeriodDoubling, "accept", lambda test, event: False)
+    (born,) = [b for b in ci.follow(stiff).branches if b.word == "BbBbTt"]
+    (missed,) = born.missed
+    assert missed.startswith("PD between ")
+    assert "leaves the unit circle there and another one enters it" in missed
