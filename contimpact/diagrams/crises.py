@@ -839,7 +839,8 @@ def _touching(simulator: Simulator, orbit: Orbit, walls: str, rows: Array) -> It
             lap = len(before)
             change = abs(rows[place - 1, 1] - rows[place - 1 - lap, 1])
             name = min(before.walls[k:] + before.walls[:k] for k in range(lap))
-            followed[name] = min(followed.get(name, (np.inf, 0, 0, before)), (change, place, begin, before))
+            nearest = followed.get(name, (np.inf, 0, 0, before))
+            followed[name] = min(nearest, (change, place, begin, before))
     for _, place, begin, before in followed.values():
         yield walls[begin:], None, rows[begin:], before
         if is_rotation(before.walls, orbit.word.walls):
