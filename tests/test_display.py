@@ -82,6 +82,7 @@ def test_long_tables_say_what_they_leave_out():
     assert "... and 30 more" in table
 
 
+@pytest.mark.full
 def test_a_figure_is_its_own_picture(diagram, results):
     """Without pyplot nothing else would draw it in a notebook."""
     figures = [

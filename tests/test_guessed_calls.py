@@ -100,6 +100,7 @@ def test_what_is_missing_is_called_missing(model):
         ci.load("nope")
 
 
+@pytest.mark.full
 def test_results_are_plotted_by_their_method(branch):
     diagram = ci.Diagram("one", [branch])
     for result in (branch, diagram):

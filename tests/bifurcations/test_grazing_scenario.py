@@ -274,6 +274,7 @@ def test_scenarios_of_fig_7():
     assert second.as_row()["scenario"] == OVERLAP
 
 
+@pytest.mark.full
 def test_where_the_normal_form_does_not_apply_it_says_why():
     soft = ci.SoftStop(a=1.0, omega=2.2, c=0.3, k=1.0, e=0.3, c_b=0.3, k_b=10.0)
     quiet = ci.find_orbits(soft, "0", "e")[0]

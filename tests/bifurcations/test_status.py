@@ -145,6 +145,7 @@ def test_an_event_beyond_a_limit_is_not_found():
         assert sum(len(run.events) for run in runs) == count
 
 
+@pytest.mark.full
 def test_statuses_change_at_events_alone():
     """Along every branch of a few random pairs: between neighbouring points without an event."""
     rng = np.random.default_rng(5)

@@ -347,6 +347,7 @@ def test_an_entry_of_another_model_is_refused(fig7):
         continue_born(None, other, (0.08, 1.05))
 
 
+@pytest.mark.full
 def test_a_long_word_is_not_taken_for_a_crossing_at_each_step(monkeypatch):
     """Its orientation, a product over all flights, halves at each step, as evenly as it does not
     before a crossing; each search for one solves dense systems of three times as many unknowns."""

@@ -167,6 +167,7 @@ def test_an_entry_of_other_parameters_does_not_count(diagram, proven):
     ]
 
 
+@pytest.mark.full
 def test_a_deleted_event_is_missing_there(diagram, proven):
     for gone in diagram.entries:
         events = [entry for entry in diagram.entries if entry.id != gone.id]
@@ -227,6 +228,7 @@ def folder(diagram, tmp_path):
     return tmp_path
 
 
+@pytest.mark.full
 def test_the_folder_is_certified_and_verified(folder, capsys):
     assert main(["certify", str(folder), "-q"]) == 0
     catalogue = json.loads((folder / "catalogue.json").read_text())
@@ -252,6 +254,7 @@ def test_a_forged_box_is_found(folder, key):
 
 
 @pytest.mark.parametrize("factor", [100.0, 1e-8])
+@pytest.mark.full
 def test_a_forged_tube_is_found(folder, proven, factor, capsys):
     """Its piece is unproven, and that its certificate says otherwise is a failure."""
     record = json.loads(json.dumps(proven.record()))
@@ -317,6 +320,7 @@ def test_without_the_extra_the_command_says_what_to_install(folder, monkeypatch,
 # Other parameters, other kinds, another system.
 
 
+@pytest.mark.full
 def test_a_doubling_and_a_grazing_that_nearly_coincide_are_told_apart():
     """beta = pi/9, r = 0.2955: their values differ by less than 1e-4."""
     parameters = {"beta": "pi/9", "r": 0.2955, "A": 5.0, "s": 0.34}
@@ -331,6 +335,7 @@ def test_a_doubling_and_a_grazing_that_nearly_coincide_are_told_apart():
     assert (values["PD"] > values["G"]) == (recorded["PD"] > recorded["G"])
 
 
+@pytest.mark.full
 def test_other_kinds_are_certified():
     """V, T and UZ, on 2:1."""
     events = ["FB", "PD", "G", "V", "T", "UZ"]
@@ -345,6 +350,7 @@ def test_other_kinds_are_certified():
     assert {"V", "UZ", "G", "FB", "PD"} <= {c.kind for c in found.entries}
 
 
+@pytest.mark.full
 def test_the_oscillator_is_certified():
     oscillator = {
         "name": "stop",
@@ -440,6 +446,7 @@ def test_random_parameter_sets_are_proven():
     assert branches > 300
 
 
+@pytest.mark.full
 def test_what_has_no_enclosures_is_refused_at_once():
     waves = [(k, 1.0 / k, 0.0) for k in range(1, 20)]
     model = harmonic_pair(waves, beta=0.2, r=0.6, A=4.0, s=0.4)

@@ -164,6 +164,7 @@ def test_check_writes_nothing(run, scene, tmp_path, monkeypatch):
 # run
 
 
+@pytest.mark.full
 def test_run_writes_the_folder_and_a_summary(run, scene, tmp_path):
     status, out, err = run("run", scene(), "--ghosts", "-o", tmp_path / "a" / "out")
     assert status == 0
@@ -189,6 +190,7 @@ def test_run_writes_the_folder_and_a_summary(run, scene, tmp_path):
     assert str(folder) in out.splitlines()[-1]
 
 
+@pytest.mark.full
 def test_quiet(run, scene, tmp_path):
     assert run("run", scene(), "-o", tmp_path / "out", "--quiet") == (0, "", "")
     assert (tmp_path / "out" / "manifest.json").exists()
@@ -200,6 +202,7 @@ def test_quiet_still_says_errors(run, scene, tmp_path):
     one_line(err)
 
 
+@pytest.mark.full
 def test_progress_in_a_file_has_no_escape_sequences(results):
     scene_file = results.parent / "scene.toml"
     done = python("-m", "contimpact", "run", scene_file, "-o", results.parent / "p", "--no-plot")

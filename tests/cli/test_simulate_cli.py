@@ -101,6 +101,7 @@ def test_branches_energy_and_pictures(scene_file, tmp_path):
     assert set(manifest["files"]) <= {str(p.relative_to(out)) for p in out.rglob("*")}
 
 
+@pytest.mark.full
 def test_the_sweep_is_shown_before_its_transitions_are_located(scene_file, tmp_path, monkeypatch):
     """Pictures and tables are there when the first transition is sought, and stay where the
     keyboard ends it; `plot` draws the attractors again."""

@@ -45,6 +45,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.full
 def test_every_command_takes_a_system_file(folder, capsys):
     own = ["--system", "my_ball.py"]
     assert main(["check", "scene.toml", *own]) == 0

@@ -390,6 +390,7 @@ def test_folders_whose_names_are_not_utf8(folder, tmp_path):
     assert said.stdout.count(b"\\udcff\\x1b[31m") == 1
 
 
+@pytest.mark.full
 def test_names_that_a_terminal_does_not_know(tmp_path):
     scene = written(SCENE | {"name": "naïve", "source": "∂B\x1b[31m"}, tmp_path / "scene.toml")
     said = python("check", scene, PYTHONIOENCODING="ascii")

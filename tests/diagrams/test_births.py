@@ -78,6 +78,7 @@ def test_the_fold_of_the_doubled_orbit_at_a_gpd(turning):
     assert max(solves(e) for e in found) < 1e-9
 
 
+@pytest.mark.full
 def test_it_ends_at_the_gpd(turning):
     entry, point = turning
     fold = born(entry, point)[0]

@@ -182,6 +182,7 @@ def test_a_map_without_an_orbit_at_its_own_value():
         follow(map_of(math.pi / 6, word="2:1", cover=0))
 
 
+@pytest.mark.full
 def test_a_map_without_orbits_says_where_they_were_looked_for():
     given = map_of(math.pi / 6, word="2:1", cover=1)
     curves = dataclasses.replace(given.curves, range=(0.49, 0.51))

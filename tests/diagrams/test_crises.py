@@ -119,6 +119,7 @@ def test_the_equations_derivatives(crisis):
         assert difference / 2e-6 == pytest.approx(jacobian[:, k], abs=1e-8)
 
 
+@pytest.mark.full
 def test_a_curve_in_two_parameters(crisis):
     curve = follow_crisis(crisis, "r", (0.25, 0.35))
     assert (curve.values[0, 1], curve.values[-1, 1]) == (0.25, 0.35)
@@ -177,6 +178,7 @@ def in_thirty_digits(kept, parameters, before, after):
     return mp.findroot(residual, [*map(mp.mpf, z), values["s"]], tol=1e-28)[len(z)]
 
 
+@pytest.mark.full
 def test_a_run_has_the_crisis_of_its_scene(diagram, tmp_path):
     """In the catalogue it is solved for again, in 30 digits and from its record alone."""
     write_diagram(diagram, tmp_path)
@@ -205,6 +207,7 @@ def test_a_run_has_the_crisis_of_its_scene(diagram, tmp_path):
     assert next(e for e in page["entries"] if e["id"] == entry.id)["parts"]["symbol"] == "CR"
 
 
+@pytest.mark.full
 def test_a_crisis_explains_the_end_of_the_motion(crisis, swept):
     """Simulation puts it below, since transients are long there."""
     branch = continue_orbit(unstable(0.3556), range=(0.355, 0.3565), events=())
@@ -224,6 +227,7 @@ def test_a_crisis_met_twice_is_one_entry(crisis):
     assert found.statistics["notes"] == ["no crisis: for a reason"]
 
 
+@pytest.mark.full
 def test_a_crisis_of_an_orbit_on_no_branch_is_in_the_notes(swept):
     (found,) = find_crises(swept, Diagram("none", []))
     assert isinstance(found, Crisis)
@@ -244,6 +248,7 @@ def test_an_end_without_a_crisis_is_reported():
         ((14.2575, 14.16), "(7:5)", "G"),
     ],
 )
+@pytest.mark.full
 def test_an_end_without_a_crisis_has_the_event_of_the_motion_that_takes_over(values, word, label):
     """In Fig. 8: a fold, the last doubling of a cascade, a grazing of an orbit of a long period."""
     model = ImpactPair(beta=math.pi / 6, r=0.25, A=values[0], s=0.5)
@@ -286,6 +291,7 @@ def test_a_homoclinic_tangency_is_the_crisis():
     assert str(first).startswith("homoclinic, 2:1 to 2:1, at s = 0.3552205282")
 
 
+@pytest.mark.full
 def test_motion_passes_an_orbit_within_its_attractor_and_returns():
     """1:1 is within complex motion at high restitution; of Fig. 7, 2:1 is beside it."""
     model = ImpactPair(beta=0.25, r=0.62, A=5.0, s=0.145)
@@ -375,7 +381,7 @@ def test_mirror_images_merge_without_a_grazing(symmetric):
         assert_two_connections_meet(crisis)
 
 
-@pytest.mark.full
+@pytest.mark.slow
 def test_a_tangency_at_which_no_attractor_changes_is_refused():
     """Counted by a program of its own, 24% of the impacts of 3:1/C are on T on both sides of it."""
     model = ImpactPair(beta=math.pi / 3, r=0.8, A=5.0, s=0.1452)

@@ -50,6 +50,7 @@ def breaking_of_symmetric_pair(r):
     return 2 * (1 + r) / root * (0.5 - 2 / np.pi**2)
 
 
+@pytest.mark.full
 def test_symmetric_fold_curve():
     """d_FB(r) reaches 12.4 at r = 0.95: errors relative to it are 1e-15 or so."""
     wanted = np.linspace(*EDGES, 19)
@@ -60,6 +61,7 @@ def test_symmetric_fold_curve():
     np.testing.assert_allclose(curve["d"][rows], fold_of_symmetric_pair(wanted), rtol=0, atol=1e-11)
 
 
+@pytest.mark.full
 def test_symmetric_branch_point_curve():
     wanted = np.linspace(*EDGES, 19)
     model = ImpactPair(beta=0.0, r=0.3, A=5.0, s=0.6)
@@ -70,6 +72,7 @@ def test_symmetric_branch_point_curve():
     np.testing.assert_allclose(curve["d"][rows], exact, rtol=0, atol=1e-11)
 
 
+@pytest.mark.full
 def test_a_branch_point_unfolds_with_the_angle():
     """Along beta the crossing of branches does not persist: the curve ends and says so."""
     model = ImpactPair(beta=0.0, r=0.3, A=5.0, s=0.6)
@@ -279,6 +282,7 @@ def test_a_curve_starts_from_a_saved_catalogue(tmp_path, panel):
 
 
 @pytest.mark.parametrize(("parameter", "limits"), [("r", (0.0, 1.0)), ("beta", (0.0, math.pi / 2))])
+@pytest.mark.full
 def test_curves_end_with_a_reason_at_the_edges(parameter, limits):
     model = ImpactPair(beta=math.pi / 6, r=0.5, A=5.0, s=0.4)
     orbit = next(o for o in find_orbits(model, "1:1", parameter="s") if o.physical)
@@ -448,6 +452,7 @@ def test_curves_that_do_not_pass_the_scenes_own_value_are_found(fig6d):
         assert not any(same_curve(curve, other, problem) for other in others)
 
 
+@pytest.mark.full
 def test_curves_that_share_their_ends_alone_are_two():
     """One curve from two places is one, in either direction; with other orbits between, two."""
     ends, curves = (0.1, 0.9), []

@@ -56,6 +56,7 @@ def found(design):
     return design.best
 
 
+@pytest.mark.full
 def test_the_margin_is_kept_and_named(found):
     """The distance is that which `find_margins` finds by itself; the price is a difference's."""
     model = found.orbit.model

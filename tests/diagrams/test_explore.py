@@ -84,6 +84,7 @@ def test_orbits_that_max_branches_leaves_out_are_reported():
     assert "follow.max_branches = 1 was reached; orbits not followed: " in found._repr_html_()
 
 
+@pytest.mark.full
 def test_without_unphysical_orbits_every_stable_range_is_found(tmp_path):
     """Branches end a step behind the events at which orbits turn unphysical, which are located."""
     asked = {"orbits": ["1:1", "2:1"], "switch": ["PD", "G"], "range": [0.27, 0.4]}
@@ -272,6 +273,7 @@ def test_interrupted_before_words_were_looked_for_elsewhere():
     assert not any("nor at" in note for note in diagram.statistics["notes"])
 
 
+@pytest.mark.full
 def test_a_survey_for_named_words_finds_the_second_stable_range_of_1_1():
     """At beta = pi/3, r = 0.7 it is on a branch that does not pass the start; at d = 0.185 the maps
     (11) and (12) have a stable orbit of 1:1 and one of 2:1."""
@@ -299,6 +301,7 @@ def test_a_scene_is_refused_if_none_of_its_words_has_an_orbit(survey):
     assert "nor at 9 other values" in str(refused.value)
 
 
+@pytest.mark.full
 def test_reading_a_part_of_a_diagram():
     """Transitions onto branches that are not there are passed over."""
     diagram = follow(load_scene(FIG7))

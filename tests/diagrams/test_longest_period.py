@@ -44,6 +44,7 @@ def test_a_branch_of_unbounded_period_ends(low):
     assert branch["x0_0"][last] == pytest.approx((1.0 - omega**2) / size, rel=1e-9)
 
 
+@pytest.mark.full
 def test_a_limit_at_which_there_is_a_period_is_reached():
     model = read_scene(SCENE).model
     (orbit,) = find_orbits(model, "0", parameter="omega")

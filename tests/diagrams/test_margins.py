@@ -140,6 +140,7 @@ def test_sensitivities_of_events_and_margins_in_thirty_digits(entries, kind, par
 
 
 @pytest.mark.parametrize("parameter", ["r", "s", "beta"])
+@pytest.mark.full
 def test_sensitivities_of_margins_against_differences(parameter):
     """Measured: 5e-9."""
     given, distances = {"beta": math.pi / 6, "r": 0.3, "s": 0.34}, []
@@ -151,6 +152,7 @@ def test_sensitivities_of_margins_against_differences(parameter):
     assert nearest.sensitivity(parameter) == pytest.approx(expected, rel=1e-5)
 
 
+@pytest.mark.full
 def test_of_symmetric_orbits_and_of_several_coordinates():
     """A pitchfork is a BP; a model that ends ends no orbit, and is noted if it is nearer."""
     symmetric = ci.find_margins(stable("1:1", 0.5, beta=0.0, r=0.5), {"s": 0.01, "A": 0.1})
@@ -234,6 +236,7 @@ def test_refusals():
         ci.find_margins(orbit, {"s": 0.005}).nearest.sensitivity("q")
 
 
+@pytest.mark.full
 def test_where_a_surface_is_strongly_bent():
     """Followed on a line alone, this orbit doubles its period at distance 9.12642."""
     pair = ci.ImpactPair(beta=0.906520231911, r=0.841152690237, A=5.0, s=0.296314738867)
@@ -243,6 +246,7 @@ def test_where_a_surface_is_strongly_bent():
     assert nearest.distance < 9.12642
 
 
+@pytest.mark.full
 def test_events_of_another_orbit_nearby_do_not_count():
     """Beyond its fold, the unstable orbit loses an impact nearer to the stable one than that."""
     pair = ci.ImpactPair(beta=0.26096942801, r=0.125515386551, A=5.0, s=0.364351616005)

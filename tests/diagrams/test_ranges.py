@@ -117,6 +117,7 @@ def test_how_far_the_ends_are(fig7):
         fig7.at(2.0)
 
 
+@pytest.mark.full
 def test_fractions_belong_to_motions(diagram):
     shares = [Share(0.356, "2:1", 0.37), Share(0.356, "1:1/C", 0.63), Share(0.5, "1:1", 1.0)]
     rows = sweep(PAIR, "s", [0.36, 0.358, 0.3565, 0.356, 0.3555])

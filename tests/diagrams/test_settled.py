@@ -66,6 +66,7 @@ def test_motions_that_fly_on_do_not_end_the_search():
     assert [str(word_of(orbit)) for orbit in settled.orbits] == ["CRCR/3T"]
 
 
+@pytest.mark.full
 def test_a_scene_follows_it():
     table = {"parameter": "omega", "range": [1.79, 1.81], "orbits": ["CRCR/3T"]}
     given = {"name": "soft", "model": {"system": "soft-stop", "parameters": SOFT}, "follow": table}
@@ -148,6 +149,7 @@ def test_a_motion_that_sticks_at_first_is_followed_on():
     assert str(word_of(orbit)) == "BBT"
 
 
+@pytest.mark.full
 def test_motions_that_run_away_are_reported():
     """Impacts faster than 1 make the body faster still; slow ones settle."""
     table = {

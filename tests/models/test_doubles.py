@@ -49,6 +49,7 @@ def long(texts):
     return {float(text) for text in texts if not exact(float(text)).is_Rational}
 
 
+@pytest.mark.full
 def test_every_double_is_printed_as_itself():
     rng = random.Random(1)
     for _ in range(3000):

@@ -73,6 +73,7 @@ def test_it_is_followed():
         assert branch.orbit(row).model.values["h"] == at
 
 
+@pytest.mark.full
 def test_a_scene_with_one(tmp_path):
     """Followed, written, read back and simulated."""
     scene = fig7_scene(

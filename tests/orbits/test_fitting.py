@@ -102,6 +102,7 @@ def test_the_ellipse_of_95_percent_covers_the_truth(beside, two_one, given):
     assert np.std(pulls, axis=0) == pytest.approx(1.0, abs=0.2)
 
 
+@pytest.mark.full
 def test_two_restitutions_and_a_fixed_clock():
     model = ci.ImpactPair(beta=PI / 6, r_B=0.3, r_T=0.35, A=5.0, s=0.34)
     orbit = orbit_of("2:1", model=model)
@@ -126,6 +127,7 @@ def test_where_no_orbit_is_at_the_start_others_are_drawn(two_one):
     assert "no 2:1 orbit was found at the starting values; begun at r = " in found.notes[-1]
 
 
+@pytest.mark.full
 def test_which_word_is_nearest(two_one):
     """Data of the stable orbit prefer it to the unstable one and to other words."""
     data = measured(two_one, noise=NOISE)
@@ -246,6 +248,7 @@ def test_bad_files_are_refused_with_their_lines(two_one, tmp_path, text, said):
         ({"data": {"time": [1.0], "wall": ["B", "T"]}}, "unlike lengths"),
     ],
 )
+@pytest.mark.full
 def test_other_mistakes(two_one, changes, said):
     given = {"words": two_one, "data": measured(two_one), "parameters": ["r"]} | changes
     with pytest.raises(ci.InputError) as error:

@@ -200,6 +200,7 @@ def test_a_period_doubling_and_what_is_born_there(two):
 # What is refused.
 
 
+@pytest.mark.full
 def test_a_forcing_is_refused():
     with pytest.raises(InputError, match="depends on the time"):
         ci.find_orbits(oscillator(a=0.1), "S")

@@ -526,6 +526,7 @@ def test_starts_are_evaluated_without_derivatives_by_parameters(name):
             np.testing.assert_allclose(x, y, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.full
 def test_starts_that_go_astray_are_given_up(monkeypatch):
     """Against a stop far beyond its motion a hard spring is fast: every step of Newton's iteration
     would move the time by thousands of periods, and is shortened to a quarter of one."""

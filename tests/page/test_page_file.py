@@ -111,6 +111,7 @@ def test_the_scene_may_ask_for_it(scene, tmp_path):
     assert (tmp_path / "out" / "diagram.html").exists()
 
 
+@pytest.mark.full
 def test_a_page_costs_no_matplotlib(scene, tmp_path):
     code = (
         "import sys\nfrom contimpact.cli import main\nmain(sys.argv[1:])\n"

@@ -143,6 +143,7 @@ def test_users_settings_are_respected(fig7):
     assert ax.xaxis.label.get_size() == 7.0
 
 
+@pytest.mark.full
 def test_pyplot_and_other_heavy_modules_are_not_imported():
     code = (
         "import sys, matplotlib, contimpact.plots.diagram, contimpact.cli, contimpact\n"
@@ -397,6 +398,7 @@ def test_x_label(fig7, options, label):
 # Extremes
 
 
+@pytest.mark.full
 def test_a_scene_without_events(fig7):
     quiet = follow(scene_of("fig7", events=[]))
     assert quiet.entries == []
@@ -432,6 +434,7 @@ def test_limits_without_anything_in_them(fig7):
 # Files
 
 
+@pytest.mark.full
 def test_saved_files(fig7, tmp_path):
     names = save_diagram(fig7, tmp_path, ["svg", "png", "pdf"], x="d", xlim=(0.13, 0.25))
     assert names == ["diagram.svg", "diagram.png", "diagram.pdf"]
@@ -494,6 +497,7 @@ def test_walls_are_named_beside_their_curves(fig7):
     assert to_hex(names["T"].get_color()) == COLOURS[1].lower()
 
 
+@pytest.mark.full
 def test_orbits_are_named_on_their_stable_stretches(fig7):
     """Each stretch once, next to a curve of its own, over no line, no marker and no other name."""
     ax = plot_diagram(fig7, x="d", xlim=(0.13, 0.25))
@@ -538,6 +542,7 @@ def test_branches_that_are_unphysical_throughout_are_left_out(fig7):
     assert curves(plot_diagram(Diagram("x", [ghostly])))
 
 
+@pytest.mark.full
 def test_the_sign_of_velocities_is_told(fig7, stop):
     assert plot_diagram(fig7).get_ylabel().endswith("positive at B, negative at T")
     assert plot_diagram(stop).get_ylabel().endswith("positive at S")

@@ -718,6 +718,7 @@ def test_manifest_holds_the_scene_as_given_and_resolved(manifest):
     assert manifest["scene"]["resolved"]["numerics"]["tolerance"] == scene.settings.tolerance
 
 
+@pytest.mark.full
 def test_resolved_scene_gives_the_same_diagram(manifest, diagram):
     assert follow(read_scene(manifest["scene"]["resolved"])) == diagram
 

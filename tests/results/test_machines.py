@@ -204,6 +204,7 @@ def test_a_text_that_is_no_machine_is_refused():
         scene_of({"system": "linear", "machine": "{}", "parameters": TWO_MASSES})
 
 
+@pytest.mark.full
 def test_the_example_of_the_documentation():
     scene = load_scene(ROOT / "examples" / "three_masses.toml")
     orbits = find_orbits(scene.model, "C", parameter="omega", starts=32, rounds=3)

@@ -59,6 +59,7 @@ def test_check_admits_it(name, scene, capsys):
 
 
 @pytest.mark.parametrize("name", ["impact-pair", "oscillator", "belt"])
+@pytest.mark.full
 def test_a_run_of_it_finds_what_is_stable(name, scene, tmp_path, capsys):
     assert main(["run", scene(name), "-o", str(tmp_path / "out"), "--no-plot"]) == 0
     out = capsys.readouterr().out

@@ -166,6 +166,7 @@ def test_a_row_is_followed_in_another_parameter(loaded):
 # Systems of one's own.
 
 
+@pytest.mark.full
 def test_a_system_of_ones_own_is_found_by_its_name():
     branch = ci.continue_orbit(orbit_of(OwnPair), range=(0.32, 0.35), events=["G"])
     (grazing,) = branch.events
@@ -305,6 +306,7 @@ def test_a_name_that_means_several_is_refused(live):
         twice["e1"]
 
 
+@pytest.mark.full
 def test_a_folder_written_from_python_is_drawn(live, tmp_path, capsys):
     ci.write_diagram(ci.Diagram("mine", [live["b1"]]), tmp_path)
     assert main(["plot", str(tmp_path)]) == 0
@@ -315,6 +317,7 @@ def test_a_folder_written_from_python_is_drawn(live, tmp_path, capsys):
     assert "accepted are arclength, beta" in capsys.readouterr().err
 
 
+@pytest.mark.full
 def test_a_folder_of_an_unknown_system_is_drawn_without_units(live, tmp_path):
     foreign = dataclasses.replace(live["b1"], system="foreign")
     ci.write_diagram(ci.Diagram("mine", [foreign]), tmp_path)

@@ -102,6 +102,7 @@ def test_files_that_are_links_are_replaced_and_not_followed(scene, out, tmp_path
 
 @links
 @pytest.mark.parametrize("inside", [True, False])
+@pytest.mark.full
 def test_a_picture_that_is_a_link_is_replaced(out, tmp_path, inside):
     victim, target = tmp_path / "thesis.tex", out / "diagram.png" if inside else tmp_path / "a.png"
     victim.write_text("kept")
@@ -138,6 +139,7 @@ def test_a_linked_folder_in_a_result_folder_is_refused(scene, out, tmp_path, cap
 
 
 @links
+@pytest.mark.full
 def test_a_mark_does_not_follow_links(scene, out, tmp_path):
     (tmp_path / "victim").write_text("kept")
     (out / MARK).symlink_to(tmp_path / "victim")
@@ -171,6 +173,7 @@ def test_only_tables_with_the_name_they_ask_for_are_removed(out):
     assert not {"branches/b1-old.csv", "branches/b9-BBT.csv", "events.csv"} & set(found)
 
 
+@pytest.mark.full
 def test_a_folder_with_compressed_tables_is_read_and_renewed_as_any_other(out, scene):
     """Its digests are of what is read, and a new run leaves no compressed table behind."""
     before = load_diagram(out)
@@ -183,6 +186,7 @@ def test_a_folder_with_compressed_tables_is_read_and_renewed_as_any_other(out, s
     assert not list(out.glob("**/*.xz"))
 
 
+@pytest.mark.full
 def test_a_folder_without_a_manifest_is_drawn_by_its_scene_file(scene, tmp_path):
     """As the folders of ``branches/`` are committed."""
     folder = tmp_path / "out"
@@ -253,6 +257,7 @@ def test_an_unfinished_folder_is_recognised(out, tmp_path, capsys):
     assert load_diagram(out).name == "small"
 
 
+@pytest.mark.full
 def test_a_run_over_an_unfinished_folder_makes_it_whole(scene, out, results):
     (out / MARK).touch()
     (out / "manifest.json").unlink()
@@ -328,6 +333,7 @@ def test_results_of_two_scenes_are_not_mixed(scene, tmp_path, order):
     assert not mine[order[0]] & names(folder)
 
 
+@pytest.mark.full
 def test_simulated_twice_with_branches(scene, tmp_path):
     """The second run removes the files of the first and not its own."""
     path = scene(SCENE + SIMULATE + "branches = true\n")
@@ -358,6 +364,7 @@ def holder(folder):
 
 
 @pytest.mark.parametrize("command", ["run", "simulate", "catalogue"])
+@pytest.mark.full
 def test_a_folder_that_another_process_writes_is_refused(scene, out, capsys, command):
     before = names(out)
     with holder(out) as process:
@@ -457,6 +464,7 @@ def test_a_lock_that_is_no_plain_file(tmp_path):
 # Temporary files
 
 
+@pytest.mark.full
 def test_temporary_files_of_processes_that_have_ended_are_removed(scene, out, results):
     mine = temporary_beside(out / "catalogue.json")
     name = this_process().name
@@ -525,6 +533,7 @@ def full_after(monkeypatch, budget):
     monkeypatch.setattr(files, "put", limited)
 
 
+@pytest.mark.full
 def test_the_catalogue_is_written_first(scene, tmp_path, results, monkeypatch, capsys):
     room = (results / "catalogue.json").stat().st_size + (results / "events.csv").stat().st_size
     full_after(monkeypatch, room + 100)
@@ -645,6 +654,7 @@ def test_rows_that_are_not_of_one_run_are_refused(rows, capsys, how):
     assert file.read_bytes() == before
 
 
+@pytest.mark.full
 def test_any_beginning_of_the_rows_is_gone_on_with(rows):
     path, file = rows
     whole = file.read_bytes()

@@ -155,6 +155,7 @@ def test_touches_of_overdamped_flights(oscillator, kernels_of):
     assert met > 10
 
 
+@pytest.mark.full
 def test_rounding_alone_has_no_zeros_and_fast_oscillation_keeps_its_own():
     """However small, an oscillation above the bound is none of it."""
     calls = []

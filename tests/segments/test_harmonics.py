@@ -116,6 +116,7 @@ def test_a_loop_in_many_digits_and_within_its_bounds():
         assert abs(float(value - true)) <= error < 1e-12
 
 
+@pytest.mark.full
 def test_derivatives_of_a_loop():
     """Against differences of the residual in many digits."""
     import mpmath

@@ -223,6 +223,7 @@ def test_flights_too_stiff_for_compiled_code_go_on_plainly(plain_and_compiled, o
     assert "too stiff for compiled code" in caplog.text
 
 
+@pytest.mark.full
 def test_what_cannot_be_compiled_runs_plainly_and_says_so(monkeypatch):
     """Along A the zeros of the sum of two harmonics move."""
     monkeypatch.setattr(module, "_PLAINLY", {})

@@ -97,6 +97,7 @@ def test_intervals_are_exact(found):
         assert interval == pytest.approx((exact.low, exact.high), abs=1e-12)
 
 
+@pytest.mark.full
 def test_values_are_put_where_fractions_differ():
     found = basin_fractions(PAIR, "s", [0.34, 0.345, 0.36], starts=12, refine=2)
     assert found.values == pytest.approx([0.34, 0.345, 0.3525, 0.35625, 0.36])
@@ -145,6 +146,7 @@ def test_refusals():
             basin_fractions(PAIR, "s", values, **more)
 
 
+@pytest.mark.full
 def test_several_bodies():
     """Both coordinates of a box are drawn, again where a guard lies before the start."""
     box = {"position": [[-2.0, 0.9], [-1.0, 1.0]], "velocity": [[-2.0, 2.0], [-2.0, 2.0]]}
@@ -176,6 +178,7 @@ box = { position = [-0.1, 0.1], velocity = [0.0, 1.0] }
 """
 
 
+@pytest.mark.full
 def test_a_scene_counts_fractions_and_draws_them(tmp_path, capsys):
     path = tmp_path / "scene.toml"
     path.write_text(SCENE, encoding="utf-8")

@@ -65,6 +65,7 @@ def test_the_distance_is_that_of_the_stable_manifold():
     assert "2:1: 0.005651901" in repr(found)
 
 
+@pytest.mark.full
 def test_where_nothing_else_attracts_there_is_no_boundary():
     orbit = next(o for o in physical(0.42, "1:1") if o.stable)
     found = integrity(orbit, directions=6, largest=0.2)

@@ -81,6 +81,7 @@ def test_the_expansion_is_of_second_order(orbit):
         assert ratio == pytest.approx(8.0, rel=0.1)
 
 
+@pytest.mark.full
 def test_simulated_motion_leaves_along_the_unstable_manifold(orbit, length):
     """From 1e-7 beside the orbit, along its tangent."""
     found = grow_manifold(orbit, length=length, spacing=length / 150.0)
@@ -156,6 +157,7 @@ def beyond(s):
     return float(a * d - b * c)
 
 
+@pytest.mark.full
 def test_the_tangency_of_fig_7_is_the_crisis():
     found = brentq(beyond, 0.35521, 0.35524, xtol=1e-14)
     assert found == pytest.approx(FIG7, abs=1e-11)

@@ -263,6 +263,7 @@ def check_settling(pair, kernels_of, simulator_of, seed, count):
     return worst
 
 
+@pytest.mark.full
 def test_simulation_settles_on_stable_orbits(pair, kernels_of, simulator_of):
     """Measured: 3e-15."""
     check_settling(pair, kernels_of, simulator_of, 3, 12)
@@ -273,6 +274,7 @@ def test_simulation_settles_on_two_hundred_stable_orbits(pair, kernels_of, simul
     check_settling(pair, kernels_of, simulator_of, 4, 200)
 
 
+@pytest.mark.full
 def test_the_oscillator_settles_on_its_orbit(oscillator, kernels_of, simulator_of):
     """Flights whose acceleration depends on the state."""
     model = oscillator(c=0.2, r=0.6, sigma=0.0)
@@ -614,6 +616,7 @@ def test_long_compiled_runs_are_the_same(pair, simulator_of, plain_and_compiled,
 
 
 @needs_llvmlite
+@pytest.mark.full
 def test_compiled_runs_of_random_models_are_the_same(pair, simulator_of, plain_and_compiled):
     """Restitution from 0 to 1, level and inclined, chatter, sticking, rest and flights given up."""
     met = check_random_models(plain_and_compiled, simulator_of, pair, 6, 60, 400)

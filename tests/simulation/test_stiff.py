@@ -69,6 +69,7 @@ def test_a_flight_of_ten_thousand_oscillations(oscillator, kernels_of, pieces):
     assert clear_before(simulator, release, 0.0, dt)
 
 
+@pytest.mark.full
 def test_an_arrival_is_the_one_of_the_whole_window(oscillator, kernels_of, monkeypatch):
     """With all zeros of the window isolated first, as far as their number allows."""
     generator = np.random.default_rng(11)

@@ -194,6 +194,7 @@ def test_fig_7_downwards(pair, kernels_of):
     assert max(folds) < 0.356895277  # FB of the 2:1 branch
 
 
+@pytest.mark.full
 def test_fig_7_upwards_shows_hysteresis(pair, kernels_of):
     """Beside the fold of 2:1 (d = 0.22217) complex motion and 2:1 coexist; so do 2:1 and 3:1."""
     model = pair()

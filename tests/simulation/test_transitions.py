@@ -141,6 +141,7 @@ def test_records_of_transitions_read_back(scene, kernels_of, diagram):
     assert Transition.from_record(json.loads(json.dumps(found.as_record()))) == found
 
 
+@pytest.mark.full
 def test_all_transitions_of_a_sweep(scene, kernels_of, diagram):
     rows = swept(scene, kernels_of, [0.39, 0.376, 0.37, 0.33, 0.3])
     found = find_transitions(rows, 1e-3, settling=QUICK, diagram=diagram)

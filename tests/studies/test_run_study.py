@@ -319,6 +319,7 @@ with Store("s.sqlite") as store:
 """
 
 
+@pytest.mark.full
 def test_a_script_that_its_workers_would_run_again_is_told_what_to_write(tmp_path):
     (tmp_path / "study.toml").write_text(TOML.format(name="small", count=2))
     (tmp_path / "script.py").write_text(UNGUARDED)
@@ -390,6 +391,7 @@ def test_the_entries_of_a_kept_catalogue_are_those_of_a_run(uninterrupted, tmp_p
 # The command
 
 
+@pytest.mark.full
 def test_the_command_says_what_it_does(tmp_path, capsys):
     study = tmp_path / "study.toml"
     study.write_text(TOML.format(name="small", count=2))

@@ -201,6 +201,7 @@ CORNER = {
 largest where the first one hits its wall."""
 
 
+@pytest.mark.full
 def test_a_gap_that_is_smallest_at_an_impact_elsewhere_is_found():
     scene = read_scene({**CORNER, "follow": {**CORNER["follow"], "unphysical": True}})
     (branch,) = follow(scene).branches
@@ -219,6 +220,7 @@ def test_a_gap_that_is_smallest_at_an_impact_elsewhere_is_found():
         assert simulator.run(state, impacts=4).word.startswith(word)
 
 
+@pytest.mark.full
 def test_a_touch_inside_a_flight_is_not_that_at_its_end():
     """On the orbit that touches the guard from within a flight and passes it at an impact."""
     table = copy.deepcopy(CORNER)

@@ -93,6 +93,7 @@ def test_one_multiplier_is_zero_and_the_other_that_of_the_map_of_times(orbit):
     assert kept == pytest.approx((ahead - behind) / (2.0 * step), abs=1e-6)
 
 
+@pytest.mark.full
 def test_along_a_branch(orbit):
     """An isola, physical where the body comes up to the belt's speed from below."""
     branch = continue_orbit(orbit, "omega", (0.6, 1.6), events=["FB", "PD", "G", "V"])
@@ -223,6 +224,7 @@ def test_bodies_that_join_against_integration(docked):
     assert np.poly(docked.multipliers[:2]).real == pytest.approx(np.poly(np.array(rows)), abs=1e-6)
 
 
+@pytest.mark.full
 def test_along_a_branch_of_bodies_that_join(docked):
     branch = continue_orbit(docked, "e", (0.2, 0.4), events=["FB", "PD", "NS", "G"])
     for i in (3, 4):

@@ -183,6 +183,7 @@ def test_multipliers_product():
     assert np.prod(orbit.multipliers).real == pytest.approx(math.exp(-taken), rel=1e-11)
 
 
+@pytest.mark.full
 def test_contact_of_a_spring():
     """A fast ball makes a damped half swing, other forces being small beside the membrane's."""
     simulator = Simulator(soft_pair())

@@ -161,6 +161,7 @@ def test_exponents_of_a_simulation_are_those_of_the_multipliers(orbit):
     assert found.per_impact[0] == pytest.approx(math.log(abs(orbit.multipliers[0])) / 2, rel=0.04)
 
 
+@pytest.mark.full
 def test_what_a_motion_settles_on_is_the_orbit(orbit):
     simulator = Simulator(orbit.model)
     found = settle(simulator, simulator.state("C", 0.3, 1.0))

@@ -216,6 +216,7 @@ def test_what_is_not_smooth_at_a_guard_is_named_as_the_scene_names_it():
 NONLINEAR = OSCILLATOR | {"guards": guard(within="x <= sigma", set={"v": "-r*v"})["guards"]}
 
 
+@pytest.mark.full
 def test_functions_of_numbers_are_numbers_in_laws_that_are_integrated():
     pytest.importorskip("heyoka")
     given = "sqrt(2) + cos(pi/7) + sin(1) - exp(1)/2 + atan(3) + cosh(1) + log(2) + tanh(1)"
