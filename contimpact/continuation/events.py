@@ -250,8 +250,7 @@ def _locate_by_newton(test: TestFunction, arc: Arc, guess: Point, index: int) ->
     here = located.evaluation or arc.problem.evaluate(located.unknowns)
     point = arc.event_point(here, guess.iterations)
     details = {"index": index, **located.details}
-    event = Event(test.kind, point, located.residual, located.error, "newton", details)
-    return event if test.accept(event) else None
+    return Event(test.kind, point, located.residual, located.error, "newton", details)
 
 
 def _locate_by_bracket(
