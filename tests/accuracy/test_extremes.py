@@ -14,12 +14,13 @@ BEYOND = ("oscillator, overdamped, c = 1e8: the fold",)
 
 
 LONG = (
+    "oscillator, overdamped, c = 1e4: orbits of S",
     "oscillator, overdamped, c = 1e8: orbits of S",
     "oscillator, overdamped, c = 1e8: four decades of a",
     "oscillator, overdamped, c = 1e4: four decades of a",
     *BEYOND,
 )
-"""What takes a minute; others have the orbits with c = 1e4."""
+"""What takes a minute."""
 
 
 def marks(name):

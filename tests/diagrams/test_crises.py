@@ -318,7 +318,7 @@ def test_the_type_of_a_crisis_in_words(crisis, kind):
     assert said[kind] in text
 
 
-@pytest.mark.full
+@pytest.mark.slow
 def test_heteroclinic_tangencies_in_thirty_digits():
     """From the orbit that is born where 1:1/2T grazes: the corner is another one, side by side."""
     model = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.3556)

@@ -197,7 +197,7 @@ def test_where_the_model_ends_nothing_bifurcates():
     assert [e.distance for e in found.events] == pytest.approx(sorted(expected), rel=1e-9)
 
 
-@pytest.mark.full
+@pytest.mark.slow
 def test_isolines_of_a_margin():
     """Along the curve a search that begins anew finds the same event at the same distance."""
     orbit, tolerances = stable("1:1", 0.45), {"s": 0.005, "r": 0.01}

@@ -211,7 +211,7 @@ def test_compiled_walks_through_two_modes(plain_and_compiled, word):
 
 
 @needs_llvmlite
-@pytest.mark.full
+@pytest.mark.slow
 def test_flights_too_stiff_for_compiled_code_go_on_plainly(plain_and_compiled, oscillator, caplog):
     """With c = 800 a flight would take more steps than there is room for."""
     model = oscillator(c=800.0, omega=1.0, sigma=0.0)

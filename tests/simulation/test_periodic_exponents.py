@@ -139,7 +139,7 @@ def test_exponents_of_several_coordinates_against_many_digits(c, lost):
     assert found.exponents[: 4 - lost] == pytest.approx(exact[: 4 - lost], abs=1e-9)
 
 
-@pytest.mark.parametrize("c", [4.0, 15.0, 60.0])
+@pytest.mark.parametrize("c", [4.0, 15.0, pytest.param(60.0, marks=pytest.mark.slow)])
 @pytest.mark.quick(1)
 def test_exponents_of_any_motion_have_liouvilles_sum(c):
     """Also where the derivatives of flights are rounding."""
