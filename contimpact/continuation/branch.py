@@ -217,8 +217,10 @@ class Points(Sequence[Point]):
             self._put(piece)
 
     def _put(self, piece: Point | Block) -> None:
-        self.pieces.append(piece)
-        self._ends.append(len(self) + _count(piece))
+        end = len(self) + _count(piece)
+        # no calls: an interruption, which Python raises at them, leaves both lists or neither
+        self.pieces += [piece]
+        self._ends += [end]
         self._open = None
 
     def __len__(self) -> int:
@@ -311,8 +313,10 @@ class Points(Sequence[Point]):
             self._put(piece)
             return
         if self._open is piece:
-            first -= _count(self.pieces.pop())
-            self._ends.pop()
+            known = _count(self.pieces[-1])
+            part, end = piece[first - known : last], len(self) + last - first
+            self.pieces[-1], self._ends[-1] = part, end
+            return
         self._put(piece[first:last])
         self._open = piece
 
