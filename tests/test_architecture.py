@@ -36,7 +36,7 @@ PACKAGES = {
 
 FOR_ALL = {
     "contimpact",
-    *(f"contimpact.{n}" for n in ("arrays", "display", "errors", "progress", "schema")),
+    *(f"contimpact.{n}" for n in ("arrays", "display", "errors", "progress", "schema", "syntax")),
 }
 """What any package may import as well."""
 
@@ -272,6 +272,14 @@ def test_nothing_unsafe(module):
 
 
 @law(FILES)
+def test_texts_are_parsed_in_one_thread_at_a_time(module):
+    """``ast.parse`` in two threads at once can fail in CPython 3.11: `syntax` has a lock."""
+    called = [n.func for n, _ in walked(tree(module)) if isinstance(n, ast.Call)]
+    parsing = [f for f in called if ast.unparse(f) == "ast.parse"]
+    assert len(parsing) == (2 if module == "contimpact.syntax" else 0)
+
+
+@law(FILES)
 def test_only_the_command_line_prints(module):
     """Progress prints, too, where a caller asks for it."""
     printing = [
@@ -406,5 +414,5 @@ def test_kernels_are_known_by_all_files_that_write_them():
         found = {i.module for module in waiting for i in imports(module) if i.when != "typing"}
         waiting = found & set(FILES) - writing
     named = {f"contimpact.{name.replace('/', '.')}" for name in GENERATOR}
-    others = ("arrays", "errors", "models.sources")
+    others = ("arrays", "errors", "models.sources", "syntax")
     assert writing - {f"contimpact.{name}" for name in others} == named

@@ -15,6 +15,7 @@ from ..segments.linear_flow import flow
 from ..segments.machine_code import Program, choice
 from ..segments.oscillation import excursion_by_law, excursions, row_of, row_of_compiled
 from ..segments.oscillations import FollowedFlight
+from ..syntax import parse
 from .chain_functions import (
     ChainVectors,
     chain_step,
@@ -51,7 +52,7 @@ def add_scratch_space(kernel: Kernel) -> Kernel:
     Raises NotImplementedError for a kernel with two flows: the second would overwrite what the
     first has found.
     """
-    tree = ast.parse(kernel.text)
+    tree = parse(kernel.text)
     (function,) = (node for node in tree.body if isinstance(node, ast.FunctionDef))
     function.args.args.append(ast.arg("space"))
     body: list[ast.stmt] = []
@@ -61,7 +62,7 @@ def add_scratch_space(kernel: Kernel) -> Kernel:
         if isinstance(call, ast.Call) and getattr(call.func, "id", "") == "flow":
             flows += 1
             for i, number in enumerate(call.args[4:]):
-                body += ast.parse(f"space[{i}] = {ast.unparse(number)}").body
+                body += parse(f"space[{i}] = {ast.unparse(number)}").body
             call.args[4:] = [ast.Name("space", ast.Load())]
         body.append(statement)
     if flows > 1:

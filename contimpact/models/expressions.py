@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..errors import InputError, did_you_mean, short_repr, shorten
+from ..syntax import parse_expression
 
 # Bounds of an expression's values and of the work of expanding it, before any of it is done.
 #
@@ -378,7 +379,7 @@ def arguments_in(text: str, functions: Sequence[str]) -> list[str]:
 
 def _tree(text: str) -> ast.expr:
     """Parse an expression, in which Python's keywords are names like others."""
-    return ast.parse(_KEYWORDS.sub(rf"\1{_MARK}", text.strip()), mode="eval").body
+    return parse_expression(_KEYWORDS.sub(rf"\1{_MARK}", text.strip()))
 
 
 def _name(node: ast.Name) -> str:

@@ -16,6 +16,8 @@ import types
 from pathlib import Path
 from typing import Any
 
+from ..syntax import parse
+
 PACKAGE = __package__.partition(".")[0]
 HERE = Path(__file__).parent.parent
 GENERATOR = tuple(
@@ -40,7 +42,7 @@ def _stands_alone(module: str) -> bool:
     if module.startswith(f"{PACKAGE}.models."):
         return True
     try:
-        tree = ast.parse(Path(sys.modules[module].__file__ or "").read_bytes())
+        tree = parse(Path(sys.modules[module].__file__ or "").read_bytes())
     except (OSError, KeyError, SyntaxError):
         return False
     return all(_is_harmless(node) for node in ast.walk(tree))

@@ -15,6 +15,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from ..syntax import parse, parse_expression
 from .arithmetic import FLOATS, Kernel
 from .layout import Setup
 
@@ -120,7 +121,7 @@ def bounded_kernel(kernel: Kernel, only: int | None = None) -> Callable[..., Any
     only : int, optional
         The one of its results that is asked for; nothing else is computed.
     """
-    (tree,) = (node for node in ast.parse(kernel.source).body if isinstance(node, ast.FunctionDef))
+    (tree,) = (node for node in parse(kernel.source).body if isinstance(node, ast.FunctionDef))
     if only is not None:
         tree.body = _statements_of(tree.body, only)
     names: dict[str, Any] = {function.__name__: function for function in OPERATIONS.values()}
@@ -228,7 +229,7 @@ def _value_of(node: ast.expr) -> float:
 def _pair(value: float) -> ast.expr:
     """A number of a formula: whole ones are exact, others have been rounded."""
     if value != value:
-        return ast.parse("(nan, 0.0)", mode="eval").body
+        return parse_expression("(nan, 0.0)")
     error = 0.0 if value.is_integer() else 2.0 * UNIT * abs(value)
     return ast.Tuple([ast.Constant(value), ast.Constant(error)], ast.Load())
 

@@ -17,6 +17,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from ..arrays import ENTRY, INTEGERS, TABLE, VECTOR
+from ..syntax import parse
 
 # Types: "double", "i64" and "i1" of LLVM for numbers, and the following.
 
@@ -143,7 +144,7 @@ class Translation:
     def __init__(self, text: str) -> None:
         self.trees: dict[str, ast.FunctionDef] = {}
         rest: list[ast.stmt] = []
-        for statement in ast.parse(text).body:
+        for statement in parse(text).body:
             if isinstance(statement, ast.FunctionDef):
                 self.trees[statement.name] = statement
             else:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ..storage.files import temporary_beside
+from ..syntax import parse
 from .llvm_ir import intermediate_code
 
 # Programs: functions in the plain subset of Python with all they call, as one text.
@@ -49,7 +50,7 @@ class Program:
     def glue(self, text: str, **functions: Callable[..., Any]) -> None:
         """Add functions given as text; `functions` are those they call, by the name used there."""
         names = {name: self.add(function) for name, function in functions.items()}
-        for tree in ast.parse(textwrap.dedent(text)).body:
+        for tree in parse(textwrap.dedent(text)).body:
             assert isinstance(tree, ast.FunctionDef)
             assert tree.name not in self.parts, tree.name
             self._put(tree.name, _NameReplacer(names).visit(tree))
@@ -96,7 +97,7 @@ def _tree_of(function: Callable[..., Any]) -> ast.FunctionDef:
     text = getattr(function, "source", None) or textwrap.dedent(inspect.getsource(function))
     tree = next(
         node
-        for node in ast.walk(ast.parse(text))
+        for node in ast.walk(parse(text))
         if isinstance(node, ast.FunctionDef)
         and (node.name == function.__code__.co_name or node.name == function.__name__)
     )
