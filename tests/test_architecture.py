@@ -166,6 +166,7 @@ def test_every_package_is_known():
         "errors",
         "progress",
         "schema",
+        "syntax",
         "telling",
     } == {*PACKAGES}
 
