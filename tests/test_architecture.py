@@ -68,16 +68,21 @@ def tree(module):
     return ast.parse(FILES[module].read_text(encoding="utf-8"), str(FILES[module]))
 
 
-def walked(node, when="import"):
-    """Every node, and when it is executed: on import, later, or for type checkers alone."""
-    for child in ast.iter_child_nodes(node):
-        now = when
-        if isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test):
-            now = "typing"
-        elif isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
-            now = "later" if when == "import" else when
-        yield child, now
-        yield from walked(child, now)
+@cache
+def nodes(module):
+    """Every node of a module, and when it is executed: on import, later, or for types alone."""
+    found, waiting = [], [(tree(module), "import")]
+    while waiting:
+        node, when = waiting.pop()
+        for child in ast.iter_child_nodes(node):
+            now = when
+            if isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test):
+                now = "typing"
+            elif isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+                now = "later" if when == "import" else when
+            found.append((child, now))
+            waiting.append((child, now))
+    return found
 
 
 @cache
@@ -85,7 +90,7 @@ def imports(module):
     """The modules a module imports; of ``from a import b``, a.b where that is a module."""
     package = module if FILES[module].name == "__init__.py" else module.rpartition(".")[0]
     found = []
-    for node, when in walked(tree(module)):
+    for node, when in nodes(module):
         if isinstance(node, ast.Import):
             found += [Import(alias.name, node.lineno, when) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -263,7 +268,7 @@ def test_nothing_unsafe(module):
     unsafe = {"pickle", "marshal", "shelve", "dill", "joblib", "subprocess", "ctypes"}
     unsafe -= TRUSTED.get(module, set())
     assert places(module, lambda i: i.module.split(".")[0] in unsafe) == []
-    called = [n.func for n, _ in walked(tree(module)) if isinstance(n, ast.Call)]
+    called = [n.func for n, _ in nodes(module) if isinstance(n, ast.Call)]
     names = {f.id for f in called if isinstance(f, ast.Name)}
     attributes = {f.attr for f in called if isinstance(f, ast.Attribute)}
     assert not names & {"eval", "__import__", "input", "breakpoint"}
@@ -275,7 +280,7 @@ def test_nothing_unsafe(module):
 @law(FILES)
 def test_texts_are_parsed_in_one_thread_at_a_time(module):
     """``ast.parse`` in two threads at once can fail in CPython 3.11: `syntax` has a lock."""
-    called = [n.func for n, _ in walked(tree(module)) if isinstance(n, ast.Call)]
+    called = [n.func for n, _ in nodes(module) if isinstance(n, ast.Call)]
     parsing = [f for f in called if ast.unparse(f) == "ast.parse"]
     assert len(parsing) == (2 if module == "contimpact.syntax" else 0)
 
@@ -285,7 +290,7 @@ def test_only_the_command_line_prints(module):
     """Progress prints, too, where a caller asks for it."""
     printing = [
         f"{FILES[module].name}:{node.lineno}"
-        for node, _ in walked(tree(module))
+        for node, _ in nodes(module)
         if (isinstance(node, ast.Name) and node.id == "print")
         or (isinstance(node, ast.Attribute) and node.attr in ("stdout", "stderr"))
     ]
@@ -296,7 +301,7 @@ def test_only_the_command_line_prints(module):
 def test_only_the_command_line_exits(module):
     exits = [
         node
-        for node, _ in walked(tree(module))
+        for node, _ in nodes(module)
         if isinstance(node, ast.Name) and node.id in ("SystemExit", "exit", "quit")
     ]
     assert exits == []
@@ -308,7 +313,7 @@ def test_only_the_command_line_exits(module):
 def test_no_warning_is_silenced_and_no_exception_swallowed(module):
     bare = [
         node.lineno
-        for node, _ in walked(tree(module))
+        for node, _ in nodes(module)
         if isinstance(node, ast.ExceptHandler)
         and (node.type is None or all(isinstance(n, ast.Pass) for n in node.body))
     ]
@@ -338,7 +343,7 @@ def test_imports_are_relative_within_the_package(module):
     """A copy under another name then works."""
     absolute = [
         node.lineno
-        for node, _ in walked(tree(module))
+        for node, _ in nodes(module)
         if (
             isinstance(node, ast.ImportFrom)
             and not node.level
@@ -364,7 +369,7 @@ def test_no_kind_of_event_is_told_by_its_name(module):
     """What depends on a kind is defined with the kind; changes of attractors have names alone."""
     found = [
         f"{FILES[module].name}:{node.lineno}: {ast.unparse(node)}"
-        for node, _ in walked(tree(module))
+        for node, _ in nodes(module)
         if isinstance(node, ast.Compare)
         and "kind" in ast.unparse(node)
         and {n.value for n in ast.walk(node) if isinstance(n, ast.Constant)} & {*KINDS, *CROSSINGS}
