@@ -1,7 +1,8 @@
-"""Tables of scenes and studies, declared once: a dataclass is the table, its fields are the keys.
+"""Tables and records, declared once: a dataclass is the table, its fields are the keys.
 
 A field made by `key` says what it means, what is admitted, and what holds where nothing is given.
-Reading, writing and the documentation's tables follow from it. A mistake is refused with the path
+Reading, writing and the documentation's tables follow from it, for what is asked (scenes, studies)
+and for what is found (`record`). A mistake is refused with the path
 of its key, what was found and what would do. Everything has a bound, so that no file can ask for
 more than a machine has.
 """
@@ -62,6 +63,8 @@ class Key:
     otherwise in their rules here."""
     silent: bool = False
     """Whether it is written only if it says something."""
+    column: bool = False
+    """Whether it is a column where records are rows of a table."""
     accepted: str = ""
     """What would do, in words; by default the type and the bounds say it."""
     shown: str = ""
@@ -77,6 +80,11 @@ def key(default: Any = REQUIRED, doc: str = "", **rules: Any) -> Any:
     if isinstance(default, dict):
         return dataclasses.field(default_factory=default.copy, metadata=rule)
     return dataclasses.field(default=default, metadata=rule)
+
+
+def attribute(doc: str = "", default: Any = REQUIRED, **rules: Any) -> Any:
+    """Return a field of a dataclass that is a key of its record; see `Key`."""
+    return key(default, doc, **rules)
 
 
 @cache
@@ -351,10 +359,27 @@ def written(one: Any) -> dict[str, Any]:
     return found
 
 
-def plain(value: Any) -> Any:
+def plain(value: Any, of: Callable[[Any], Any] = written) -> Any:
     """Return a value as plain data: lists, mappings, texts and numbers."""
     if dataclasses.is_dataclass(value):
-        return written(value)
+        return of(value)
     if isinstance(value, Mapping):
-        return {name: plain(v) for name, v in value.items()}
-    return [plain(v) for v in value] if isinstance(value, list | tuple) else value
+        return {name: plain(v, of) for name, v in value.items()}
+    return [plain(v, of) for v in value] if isinstance(value, list | tuple) else value
+
+
+def record(one: Any, names: Iterable[str] = ()) -> dict[str, Any]:
+    """Return a dataclass as a record, plain data: what applies not is None, or left out where it is
+    silent. `names` are the fields and properties in it, by default all fields."""
+    rules = {field.name: field.metadata.get("key", PLAIN) for field in dataclasses.fields(one)}
+    found = {}
+    for name in names or rules:
+        value, rule = getattr(one, name), rules.get(name, PLAIN)
+        if value is not None or not rule.silent:
+            found[rule.name or name] = rule.write(value) if rule.write else plain(value, record)
+    return found
+
+
+def table_columns(kind: Any) -> list[str]:
+    """Return the keys that are columns where records are rows of a table."""
+    return [rule.name or field.name for field, _, rule in keys_of(kind) if rule.column]

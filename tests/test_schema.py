@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import importlib.util
 import json
@@ -15,10 +16,13 @@ from zoo import ROOT
 
 from contimpact.continuation.settings import Settings
 from contimpact.errors import InputError
+from contimpact.results.branch import Entry, column
 from contimpact.results.options import CertifyOptions, CurveOptions, PlotOptions
 from contimpact.results.scene import Scene, read_scene
 from contimpact.results.simulate_tables import SimulateOptions
-from contimpact.schema import Key, key, keys_of, read, written
+from contimpact.results.tables import same_data
+from contimpact.schema import Key, attribute, key, keys_of, read, record, table_columns, written
+from contimpact.storage.texts import build_record
 
 LEAST = {
     "name": "a scene",
@@ -75,7 +79,7 @@ def test_tables_of_the_documentation_are_made_from_the_keys(name):
     """``python tools/key_tables.py`` writes them."""
     text = (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
     assert tool("key_tables").page(text) == text
-    assert re.search(r"<!-- keys of ", text)
+    assert re.search(r"<!-- (keys|record) of ", text)
 
 
 KINDS = {"plot": PlotOptions, "curves": CurveOptions, "simulate": SimulateOptions}
@@ -130,6 +134,47 @@ def test_what_a_key_admits_is_read_and_written(table, name, hint, rule, data):
     more = {"branches": True} if (table, name) == ("simulate", "crises") else {}
     scene = {**LEAST, table: {**NEEDED.get(table, {}), **more, name: value}}
     assert read_scene(scene).resolved()[table].get(name, False) == value
+
+
+NULLS = {"id": "e1", "kind": "G", "label": "G", "branch": "b1", "word": "B", "period": 1}
+NULLS |= {"parameter": "s", "parameters": {"s": 0.5}, "impacts": [{"wall": "B", "time": 0.25}]}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LongerEntry(Entry):
+    """An entry with further keys, which are declared here and nowhere else."""
+
+    strength: float | None = column("how hard it is")
+    reserve: int | None = attribute("only where there is one", None, silent=True)
+
+
+def test_a_key_of_a_record_is_added_in_one_place():
+    """It is written, read back, a column of the table, and documented."""
+    entry = build_record(LongerEntry, {**NULLS, "strength": 0.5, "reserve": 3}, ("id",))
+    found = json.loads(json.dumps(record(entry)))
+    assert (found["strength"], found["reserve"]) == (0.5, 3)
+    assert same_data(
+        build_record(LongerEntry, found, ("id",)), dataclasses.replace(entry, opens=[])
+    )
+    neither = record(dataclasses.replace(entry, strength=None, reserve=None))
+    assert neither["strength"] is None
+    assert "reserve" not in neither
+    assert table_columns(LongerEntry) == [*table_columns(Entry), "strength"]
+    rows = tool("key_tables").record_table(LongerEntry)
+    assert "| `strength` | number or null | how hard it is |\n" in rows
+    assert "| `reserve` | whole | only where there is one |\n" in rows
+
+
+@pytest.mark.parametrize("name", [field.name for field, _, _ in keys_of(Entry)])
+def test_junk_at_a_key_of_a_record_is_refused_or_read(name):
+    read_back = 0
+    for junk in JUNK:
+        with contextlib.suppress(ValueError):
+            entry = build_record(Entry, {**NULLS, name: junk}, ("id",))
+            again = build_record(Entry, json.loads(json.dumps(record(entry))), ("id",))
+            assert same_data(again, entry), junk
+            read_back += 1
+    assert read_back < len(JUNK)
 
 
 def test_what_follows_from_a_rule():

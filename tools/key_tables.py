@@ -1,7 +1,7 @@
 """The documentation's tables of keys, from where the keys are declared: python tools/key_tables.py.
 
 Pages have them below a comment ``<!-- keys of CLASS TABLE -->``; the table is left out where the
-keys are in the class's own.
+keys are in the class's own. Those of records are below ``<!-- record of CLASS -->``.
 """
 
 from __future__ import annotations
@@ -10,9 +10,10 @@ import dataclasses
 import re
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from contimpact.results.branch import Entry
 from contimpact.results.design_table import DesignOptions, MarginOptions
 from contimpact.results.options import CertifyOptions, CurveOptions, PlotOptions
 from contimpact.results.scene import Scene
@@ -22,7 +23,7 @@ from contimpact.studies.study_file import StudyFile
 from contimpact.systems.membrane import Membrane
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-PAGES = ("scene", "curves", "simulate", "certificates", "studies", "design")
+PAGES = ("catalogue", "scene", "curves", "simulate", "certificates", "studies", "design")
 KINDS = {
     kind.__name__: kind
     for kind in (
@@ -37,7 +38,8 @@ KINDS = {
         StudyFile,
     )
 }
-MARK = re.compile(r"(<!-- keys of (\w+) ?(\w*) -->\n\n)(?:\|.*\n)*")
+RECORDS = {kind.__name__: kind for kind in (Entry,)}
+MARK = re.compile(r"(<!-- (?:keys|record) of (\w+) ?(\w*) -->\n\n)(?:\|.*\n)*")
 HEAD = "| key | type | default | meaning |\n|---|---|---|---|\n"
 POWERS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -63,6 +65,24 @@ def row(name: str, hint: object, rule: Key, default: object) -> str:
     """Return a row of a table."""
     cells = (f"`{name}`", type_of(hint, rule), rule.shown or shown(default), rule.doc)
     return "".join(f"| {cell} ".replace("|  ", "| ") for cell in cells) + "|\n"
+
+
+def record_table(kind: type) -> str:
+    """Return the table of the keys of a class's records."""
+    keys = ((rule.name or field.name, hint, rule) for field, hint, rule in keys_of(kind))
+    rows = (f"| `{name}` | {record_type(hint, rule)} | {rule.doc} |\n" for name, hint, rule in keys)
+    return "| key | type | meaning |\n|---|---|---|\n" + "".join(rows)
+
+
+def record_type(hint: object, rule: Key) -> str:
+    """Return the type of a record's key in words; what is silent is never null."""
+    kind, inner = typing.get_origin(hint), typing.get_args(hint)
+    if kind is types.UnionType:
+        return record_type(inner[0], rule) + " or null" * (not rule.silent)
+    plain_types = {str: "text", bool: "boolean", int: "whole", float: "number"}
+    if kind is Sequence:
+        return f"list of {plain_types[inner[0]]}s" if inner[0] in plain_types else "list"
+    return plain_types.get(hint, "object")
 
 
 class Named:
@@ -127,7 +147,14 @@ def shown(default: object) -> str:
 
 def page(text: str) -> str:
     """Return a page with its tables as the keys are declared."""
-    return MARK.sub(lambda mark: mark[1] + table(KINDS[mark[2]], mark[3]), text)
+
+    def made(mark: re.Match[str]) -> str:
+        named, kind = mark[2], mark[3]
+        return mark[1] + (
+            record_table(RECORDS[named]) if named in RECORDS else table(KINDS[named], kind)
+        )
+
+    return MARK.sub(made, text)
 
 
 if __name__ == "__main__":

@@ -85,13 +85,20 @@ def asks_for_coordinates(node: ast.AST) -> bool:
     return isinstance(node, ast.Attribute) and node.attr == "several"
 
 
+def handles_tables(tree: ast.AST) -> bool:
+    """Whether a module declares or reads tables of keys; records of results are no such tables."""
+    named = (node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom))
+    names = {a.name for node in named if node.module == "schema" for a in node.names}
+    return bool(names - {"attribute", "documented", "record", "table_columns"})
+
+
 def places_of_keys() -> dict[str, set[str]]:
     """Return in which modules each key is spelled, of those that read or write tables of keys.
 
     A key is what a class declares by ``key`` with its meaning; names of several tables are left
     out.
     """
-    readers = {m: tree for m, tree in TREES.items() if f"{PACKAGE.name}.schema" in imported(m)}
+    readers = {m: tree for m, tree in TREES.items() if handles_tables(tree)}
     declared: dict[str, list[str]] = {}
     spelled: dict[str, set[str]] = {}
     for module, tree in readers.items():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from ..orbits.orbit import Orbit
 from ..orbits.problem import OrbitProblem
 from ..orbits.quiet import problem_of
 from ..orbits.search import find_orbits
+from ..schema import attribute, documented, table_columns
 from ..segments.kernels import Kernels
 from ..systems import find_system
 from .tables import (
@@ -235,132 +236,137 @@ def _subclasses(kind: Any) -> Iterator[type[Model]]:
 
 # An event on a branch, as the catalogue records it.
 
-FLAT = tuple(
-    """id kind ghost label why branch word period notation becomes order criticality slope wall
-    flight impact touch_time requested parameter n_unstable stable physical reason residual error
-    method arclength opens""".split()
-)
-"""Attributes of an entry that its row holds as they are."""
+
+def column(doc: str) -> Any:
+    """Return a field that is a key of a record and a column of a table."""
+    return attribute(doc, column=True)
+
+
+def end_record(end: End, **more: float) -> dict[str, Any]:
+    """Return an end as catalogues record it."""
+    named = {"kind": end.kind.name.lower(), "parameter": end.value}
+    return {**named, **more, "message": end.message}
 
 
 STATES = {"positions": "position", "velocities": "velocity"}
 """Columns of one coordinate in an impact's record."""
 
 
+@documented
 @dataclass(frozen=True)
 class Entry(ParameterItems, NotebookResult):
-    """An event on a branch, as the catalogue records it; the attributes are its keys.
+    """An event on a branch, as the catalogue records it; the attributes are its keys."""
 
-    Attributes
-    ----------
-    id, branch : str
-        Its own name and its branch's.
-    kind : str
-        FB, BP, PD, NS, G, V, T, UZ, CR, or a user's name.
-    label : str
-        As in Table 1 of the paper: ``PD``, ``~PD``, ``G[1:1->2:1]``.
-    ghost : bool
-        Whether the orbit that carries it is unstable or unphysical for another reason than the
-        event; `n_unstable`, `stable`, `physical` and `reason` likewise leave the event out.
-    word, period, notation
-        The orbit.
-    why : str or None
-        Why it is a ghost.
-    becomes : str or None
-        The word beyond a grazing or a zero velocity, with its period.
-    order : int or None
-        For G, how many impacts are added.
-    criticality : str or None
-        ``supercritical`` or ``subcritical``, for G and PD, where it can be told.
-    slope : float or None
-        For G, the derivative of the new impact's velocity towards its wall with respect to the
-        parameter.
-    flight, impact, wall, touch_time
-        Where it happens, as far as that applies.
-    requested : mapping or None
-        For UZ, the requested name and value.
-    parameters : mapping of str to float
-        All parameters and derived parameters.
-    impacts : sequence of mappings
-        Wall, time, velocity of each impact (with several degrees of freedom also the other section
-        coordinates, and all positions and velocities before it); the first time is in [0, T).
-    multipliers : sequence of (real, imaginary)
-        None stands for an infinite multiplier.
-    multipliers_before, multipliers_after
-        The same at the neighbouring points of the branch.
-    residual, error : float
-        Of the equations it was located with; a bound of the error of the followed parameter.
-    method : str
-        ``newton`` on the extended system, or ``bracket``.
-    arclength : float
-        Where it lies on its branch.
-    tangent : sequence of float or None
-        For BP, the branch's direction: by the time and section coordinates of each impact in turn,
-        and by the parameter.
-    opens : sequence of str
-        Branches that start here.
-    system, options
-        The model, and the texts that shape its formulas; None and empty where a catalogue of an
-        earlier version does not say.
-    sliding : str or None
-        Which sliding bifurcation it is: ``grazing-sliding``, ``adding-sliding``,
-        ``switching-sliding`` or ``crossing-sliding``.
-    crisis : mapping or None
-        For CR, the attractor that ends, what is seen beyond, and the connection that grazes.
-    scenario : Scenario or None
-        For a G that is no ghost, what is seen beyond, with its `name`; see
-        `contimpact.bifurcations.grazing_scenario`.
-    certified_radius : float or None
-        Radius of the proven enclosure of the followed parameter, where the entry is certified.
-    nu, nu_error : float or None
-        For BP, what would unfold the crossing of branches, zero within its estimated error.
-    orbit_period : float or None
-        The orbit's period, where it is free; the first impact is then at t = 0.
-    """
-
-    id: str
-    kind: str
-    ghost: bool
-    label: str
-    why: str | None
-    branch: str
-    word: str
-    period: int
-    notation: str
-    becomes: str | None
-    order: int | None
-    criticality: str | None
-    slope: float | None
-    wall: str | None
-    flight: int | None
-    impact: int | None
-    touch_time: float | None
-    requested: Mapping[str, float] | None
-    parameter: str
-    parameters: Mapping[str, float]
-    impacts: Sequence[Mapping[str, Any]]
-    multipliers: Sequence[tuple[float, float] | None]
-    multipliers_before: Sequence[tuple[float, float] | None]
-    multipliers_after: Sequence[tuple[float, float] | None]
-    n_unstable: int
-    stable: bool
-    physical: bool
-    reason: str | None
-    residual: float
-    error: float
-    method: str
-    arclength: float
-    tangent: Sequence[float] | None = None
-    opens: Sequence[str] = ()
-    system: str | None = None
-    options: Mapping[str, str] = field(default_factory=dict)
-    nu: float | None = None
-    nu_error: float | None = None
-    certified_radius: float | None = None
-    orbit_period: float | None = None
-    sliding: str | None = None
-    crisis: Mapping[str, Any] | None = None
-    scenario: Scenario | None = None
+    id: str = column("`e1`, `e2`, …")
+    kind: str = column(
+        "FB, BP, PD, NS, G, V, T, UZ, CR, or the name of a user's function; see "
+        "[events](mathematics.md#events)"
+    )
+    ghost: bool = column("whether it is a [ghost](mathematics.md#ghosts-and-labels)")
+    label: str = column(
+        "such as `PD`, `~PD`, `G[1:1->2:1]`; the tilde marks ghosts, except of UZ and users' events"
+    )
+    why: str | None = column("why it is a ghost")
+    branch: str = column("the branch it lies on")
+    word: str = column("walls in order; empty for the word `0`")
+    period: int = column("p, in forcing periods; 0 where the [period is free](autonomous.md)")
+    notation: str = column("n:m/pT")
+    becomes: str | None = column(
+        "G, V, and T where sliding vanishes or impacts exchange their order: the word beyond, with "
+        "its period if that is not 1"
+    )
+    order: int | None = column(
+        "G: the number of impacts added; more than one where several flights touch at once"
+    )
+    criticality: str | None = column(
+        "G and PD: [`supercritical` or `subcritical`](mathematics.md#criticality); null where it "
+        "is not known"
+    )
+    slope: float | None = column(
+        "G: derivative of the new impact's velocity, towards its wall, by the followed parameter; "
+        "null where it is infinite to rounding"
+    )
+    wall: str | None = column("G, V: the wall that is touched")
+    flight: int | None = column(
+        "G, T: the flight, from 0 (texts and columns count from 1); flight k leaves impact k. V: "
+        "the flight that arrives where a lasting contact begins or ends at rest, else null"
+    )
+    impact: int | None = column(
+        "V: the impact, from 0; also of a G where the flight after it begins on a [limit of "
+        "sliding](belt.md#sliding-bifurcations) or [without a rate](mathematics.md#physicality)"
+    )
+    touch_time: float | None = column("G: the time of the touch, in the clock of `impacts`")
+    requested: Mapping[str, float] | None = column("UZ: the name and the value asked for")
+    parameter: str = column("the followed parameter")
+    parameters: Mapping[str, float] = attribute("every parameter and derived parameter")
+    impacts: Sequence[Mapping[str, Any]] = attribute(
+        "for each impact its `wall`, `time`, and the `velocity` before it; the first time lies "
+        "in [0, T). Systems of more degrees of freedom add `positions` and `velocities`, and the "
+        "section coordinates `x1_`, `v1_`, …"
+    )
+    multipliers: Sequence[tuple[float, float] | None] = attribute(
+        "pairs of real and imaginary part, largest first; null for an infinite multiplier. At "
+        "V: of the orbit without the vanishing impact"
+    )
+    multipliers_before: Sequence[tuple[float, float] | None] = attribute(
+        "the same at the neighbouring point before"
+    )
+    multipliers_after: Sequence[tuple[float, float] | None] = attribute("and at the one after")
+    n_unstable: int = column("multipliers outside the unit circle, without the event's own")
+    stable: bool = column("whether `n_unstable` is 0")
+    physical: bool = column("whether the orbit is physical but for the event's own touch or impact")
+    reason: str | None = column("why it is not physical")
+    residual: float = column("largest residual of the equations that the event solves")
+    error: float = column(
+        "[bound](mathematics.md#error-estimates) of the error of the followed parameter"
+    )
+    method: str = column("`newton` on the extended system, or `bracket`")
+    arclength: float = column("where it lies on its branch")
+    tangent: Sequence[float] | None = attribute(
+        "of BP alone: the branch's direction, by the time and section coordinates of each impact "
+        "in turn and by the parameter; newer",
+        None,
+    )
+    opens: Sequence[str] = attribute("branches born here", (), column=True)
+    system: str | None = attribute("the system; null where an earlier version does not say", None)
+    options: Mapping[str, str] = attribute(
+        "the texts that shape its formulas, such as the forcing", {}
+    )
+    nu: float | None = attribute(
+        "of BP alone: [what would unfold the crossing](mathematics.md#jumps-and-near-misses), zero "
+        "within its error; newer",
+        None,
+    )
+    nu_error: float | None = attribute("its estimated error; newer", None)
+    certified_radius: float | None = attribute(
+        "only where the entry is [certified](certificates.md): radius of the proven enclosure of "
+        "the followed parameter",
+        None,
+        silent=True,
+    )
+    orbit_period: float | None = attribute(
+        "the orbit's period, only where it is [free](autonomous.md)", None, silent=True
+    )
+    sliding: str | None = attribute(
+        "only of a [sliding bifurcation](belt.md#sliding-bifurcations): which one",
+        None,
+        silent=True,
+    )
+    crisis: Mapping[str, Any] | None = attribute(
+        "only of [CR](crises.md), whose orbit is the unstable one: notation of the `attractor`, "
+        "and `type`, `after`, `seen`, `leaves`, `homoclinic`, `walls`, `grazing`, `times`, "
+        "`velocities` as in [`crises.json`](simulate.md#output); newer",
+        None,
+        silent=True,
+    )
+    scenario: Scenario | None = attribute(
+        "only of a G that is no ghost: what is [seen beyond](crises.md#beyond-a-grazing), as "
+        "`name`, and the `reason` if it is `not decided`; of the normal form the `trace`, "
+        "`determinant`, `coefficient` κ and the gap's `rate`, its derivative by the parameter; and "
+        "its `windows`, each with `cycles`, `notation`, `low`, `high` (null without end); newer",
+        None,
+        silent=True,
+    )
 
     @property
     def times(self) -> Array:
@@ -396,7 +402,7 @@ class Entry(ParameterItems, NotebookResult):
 
     def as_row(self) -> dict[str, Any]:
         """Return the entry as a row of a table; impacts and multipliers are spread over columns."""
-        row: dict[str, Any] = {name: getattr(self, name) for name in FLAT}
+        row: dict[str, Any] = {name: getattr(self, name) for name in table_columns(Entry)}
         row["opens"] = " ".join(self.opens)
         if self.requested is not None:
             row["requested"] = " ".join(f"{n}={v!r}" for n, v in self.requested.items())
@@ -441,54 +447,44 @@ STATUS = ("stable", "unstable", "unphysical", "unknown")
 UNKNOWN = STATUS.index("unknown")
 
 
+@documented
 @dataclass(frozen=True, eq=False)
 class Branch(Columns):
-    """A branch of periodic orbits, as a table.
+    """A branch of periodic orbits, as a table."""
 
-    Attributes
-    ----------
-    id : str
-    word, period, notation
-        The orbits on it.
-    system, options
-        The model, and the texts that shape its formulas.
-    parameter : str
-        The followed parameter.
-    columns : mapping of str to ndarray
-        One value per point: ``arclength`` (in the branch's metric), every parameter and derived
-        parameter, ``t1``, ``v1``, ... (impact times and velocities before impact, in the model's
-        clock), ``multiplier1_re``, ``multiplier1_im``, ..., ``n_unstable``, ``physical``,
-        ``reason``, ``smallest_gap``, ``residual``, ``iterations``, and ``event``: the name of the
-        entry a row belongs to, empty for other points of the walk. Where the period is free, it
-        is the column ``period``, and the first impact is at t = 0. ``branch["s"]`` is a shorthand.
-    ends : (End, End)
-        How it ends, at its first and at its last point.
-    events : sequence of Entry
-        In order of arclength.
-    missed : sequence of str
-        Sign changes of test functions that could not be located.
-    origin : str or None
-        The entry it starts from.
-    meetings : sequence of str
-        Further entries from which switching led to this branch.
-    notes : sequence of str
-        Further remarks: where another branch passes it closely without meeting it.
-    """
-
-    id: str
-    word: str
-    period: int
-    notation: str
-    system: str
-    options: Mapping[str, str]
-    parameter: str
-    columns: Mapping[str, Array]
-    ends: tuple[End, End]
-    events: Sequence[Entry] = ()
-    missed: Sequence[str] = ()
-    origin: str | None = None
-    meetings: Sequence[str] = ()
-    notes: Sequence[str] = ()
+    id: str = attribute("`b1`, `b2`, …")
+    word: str = attribute("walls in order; empty for the word `0`")
+    period: int = attribute("p, in forcing periods; 0 where the [period is free](autonomous.md)")
+    notation: str = attribute("n:m/pT")
+    system: str = attribute("the model, by its name")
+    options: Mapping[str, str] = attribute("the texts that shape its formulas")
+    parameter: str = attribute("the followed parameter")
+    columns: Mapping[str, Array] = attribute(
+        "one value per point: ``arclength`` (in the branch's metric), every parameter and "
+        "derived parameter, ``t1``, ``v1``, ... (impact times and velocities before impact, in the "
+        "model's clock), ``multiplier1_re``, ``multiplier1_im``, ..., ``n_unstable``, "
+        "``physical``, ``reason``, ``smallest_gap``, ``residual``, ``iterations``, and ``event``: "
+        "the name of the entry a row belongs to, empty for other points of the walk. Where the "
+        "period is free, it is the column ``period``, and the first impact is at t = 0. "
+        '``branch["s"]`` is a shorthand'
+    )
+    ends: tuple[End, End] = attribute(
+        "how it ends at its first and at its last row: [`kind`](mathematics.md#ends), "
+        "`parameter` (the followed parameter's value; in earlier files under the parameter's own "
+        "name) and `message`",
+        write=lambda ends: [end_record(end) for end in ends],
+    )
+    events: Sequence[Entry] = attribute("in order of arclength", ())
+    missed: Sequence[str] = attribute(
+        "events that [may be missing](mathematics.md#location), each with place and reason", ()
+    )
+    origin: str | None = attribute(
+        "the entry at which the branch is born; null if a search found its start", None, name="from"
+    )
+    meetings: Sequence[str] = attribute("further entries at which this branch is born", ())
+    notes: Sequence[str] = attribute(
+        "[near misses](mathematics.md#jumps-and-near-misses); newer", ()
+    )
 
     def _instead(self, column: object) -> str:
         event = event_by_id(self.events, column) or event_by_kind(self.events, column)

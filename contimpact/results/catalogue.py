@@ -26,6 +26,7 @@ import numpy as np
 from ..arrays import Array
 from ..errors import InputError, explain_arguments
 from ..models.word import LONGEST_WORD
+from ..schema import attribute, record, table_columns
 from ..storage.files import (
     LARGEST_RECORD,
     Content,
@@ -45,7 +46,7 @@ from ..storage.texts import (
     json_text,
     unescape_text,
 )
-from .branch import FLAT, Branch, Entry
+from .branch import Branch, Entry, end_record
 from .curve import Area, Check, Coverage, Curve, regions
 from .diagram import Diagram, Limit
 from .diagram_reading import SURVEYS, read
@@ -301,88 +302,57 @@ def diagram_files(diagram: Diagram) -> dict[str, Content]:
 # The catalogue.
 
 
+@dataclass(frozen=True)
+class _Catalogue:
+    """A catalogue as its file has it; what earlier versions do not have is optional."""
+
+    schema: str
+    scene: str
+    branches: Sequence[Mapping[str, Any]]
+    entries: Sequence[Any]
+    reading: Any = None
+    survey: Any = None
+    curves: Sequence[Mapping[str, Any]] | None = attribute(default=None, silent=True)
+    competition: Any = attribute(default=None, silent=True)
+    checks: Sequence[Check] | None = attribute(default=None, silent=True)
+    limits: Sequence[Limit] | None = attribute(default=None, silent=True)
+    interrupted: str | None = attribute(default=None, silent=True)
+    coverage: Sequence[Coverage] | None = attribute(default=None, silent=True)
+    areas: Sequence[Area] | None = attribute(default=None, silent=True)
+    codimension2_curves: Sequence[Mapping[str, Any]] | None = attribute(default=None, silent=True)
+
+
 def catalogue_text(diagram: Diagram) -> str:
     """Return ``catalogue.json``."""
-    content: dict[str, Json] = {
-        "schema": CATALOGUE,
-        "scene": diagram.name,
-        "branches": [_branch_record(branch) for branch in diagram.branches],
-        "entries": [_entry_record(entry) for entry in diagram.entries],
-        "reading": read(diagram).as_record(),
-        "survey": diagram.survey,
-    }
-    if diagram.curves:
-        content["curves"] = [_curve_record(curve) for curve in diagram.curves]
-        content["competition"] = [
-            dataclasses.asdict(r) for r in regions(diagram.curves, checks=diagram.checks)
-        ]
-        content["checks"] = [dataclasses.asdict(check) for check in diagram.checks]
-    if diagram.limits:
-        content["limits"] = [dataclasses.asdict(limit) for limit in diagram.limits]
-    if stopped := diagram.statistics.get("stopped"):
-        content["interrupted"] = stopped
-    if diagram.coverage:
-        content["coverage"] = [dataclasses.asdict(c) for c in diagram.coverage]
-    if diagram.areas:
-        content["areas"] = [dataclasses.asdict(area) for area in diagram.areas]
-    if diagram.codim2_curves:
-        content["codimension2_curves"] = [_curve_record(c) for c in diagram.codim2_curves]
-    return json_text(content)
-
-
-def _entry_record(entry: Entry) -> dict[str, Json]:
-    """An entry as plain data; what few entries have only where it is."""
-    record = dataclasses.asdict(entry)
-    for name in ("certified_radius", "orbit_period", "sliding", "crisis", "scenario"):
-        if record[name] is None:
-            del record[name]
-    return record
+    curves = diagram.curves
+    content = _Catalogue(
+        *(CATALOGUE, diagram.name, [_branch_record(branch) for branch in diagram.branches]),
+        *(diagram.entries, read(diagram).as_record(), diagram.survey),
+        curves=[_curve_record(curve) for curve in curves] or None,
+        competition=regions(curves, checks=diagram.checks) if curves else None,
+        checks=diagram.checks if curves else None,
+        limits=diagram.limits or None,
+        interrupted=diagram.statistics.get("stopped") or None,
+        coverage=diagram.coverage or None,
+        areas=diagram.areas or None,
+        codimension2_curves=[_curve_record(curve) for curve in diagram.codim2_curves] or None,
+    )
+    return json_text(record(content))
 
 
 def _branch_record(branch: Branch) -> dict[str, Json]:
-    return {
-        "id": branch.id,
-        "word": branch.word,
-        "period": branch.period,
-        "notation": branch.notation,
-        "parameter": branch.parameter,
-        "from": branch.origin,
-        "meetings": list(branch.meetings),
-        "points": len(branch),
-        "ends": [
-            {"kind": end.kind.name.lower(), "parameter": end.value, "message": end.message}
-            for end in branch.ends
-        ],
-        "missed": list(branch.missed),
-        "notes": list(branch.notes),
-    }
+    head = record(branch, ("id", "word", "period", "notation", "parameter", "origin", "meetings"))
+    return {**head, "points": len(branch), **record(branch, ("ends", "missed", "notes"))}
 
 
 def _curve_record(curve: Curve) -> dict[str, Json]:
-    return {
-        "id": curve.id,
-        "kind": curve.kind,
-        "label": curve.label,
-        "word": curve.word,
-        "period": curve.period,
-        "notation": curve.notation,
-        "parameters": list(curve.parameters),
-        "fixed": dict(curve.fixed),
-        "from": curve.origin,
-        "branch": curve.branch,
-        "points": len(curve),
-        "ends": [
-            {
-                "kind": end.kind.name.lower(),
-                "parameter": end.value,
-                **{name: float(curve[name][row]) for name in curve.parameters},
-                "message": end.message,
-            }
-            for end, row in zip(curve.ends, (0, -1), strict=True)
-        ],
-        "missed": list(curve.missed),
-        "codimension2": [dataclasses.asdict(point) for point in curve.points],
-    }
+    names = ("id", "kind", "label", "word", "period", "notation", "parameters", "fixed", "origin")
+    ends = [
+        end_record(end, **{name: float(curve[name][row]) for name in curve.parameters})
+        for end, row in zip(curve.ends, (0, -1), strict=True)
+    ]
+    counted = {"points": len(curve), "ends": ends}
+    return {**record(curve, (*names, "branch")), **counted, **record(curve, ("missed", "points"))}
 
 
 def curve_text(curve: Curve) -> str:
@@ -393,7 +363,7 @@ def curve_text(curve: Curve) -> str:
 def events_text(diagram: Diagram) -> str:
     """Return ``events.csv``: a row per entry; impacts and multipliers are spread over columns."""
     rows = [entry.as_row() for entry in diagram.entries]
-    columns = list(FLAT)
+    columns = table_columns(Entry)
     for row in rows:
         columns += [name for name in row if name not in columns]
     return csv_text(columns, ([row.get(name) for name in columns] for row in rows))
@@ -404,10 +374,9 @@ def events_text(diagram: Diagram) -> str:
 
 def branch_text(branch: Branch) -> str:
     """Return a branch's CSV: a comment line with all that is not a column, then the table."""
-    names = ("id", "word", "period", "notation", "system")
-    head = {"schema": BRANCH, **{name: getattr(branch, name) for name in names}}
-    head |= {"options": dict(branch.options), **_branch_record(branch)}
-    head["events"] = [_entry_record(entry) for entry in branch.events]
+    names = ("id", "word", "period", "notation", "system", "options")
+    head = {"schema": BRANCH, **record(branch, names), **_branch_record(branch)}
+    head |= record(branch, ("events",))
     return _table_text(head, branch.columns)
 
 
@@ -471,43 +440,31 @@ class Results:
     diagram: Diagram
 
 
-@dataclass(frozen=True)
-class _Catalogue:
-    """The parts of a catalogue that are records of their own, or texts."""
-
-    scene: str
-    interrupted: str = ""
-    checks: Sequence[Check] = ()
-    coverage: Sequence[Coverage] = ()
-    areas: Sequence[Area] = ()
-    limits: Sequence[Limit] = ()
-
-
 def open_results(folder: Path) -> Results:
     """Return what a folder of results holds; raises InputError as `load_diagram` does."""
     path = folder / "catalogue.json"
     with reading(folder), check_reading(path, CATALOGUE):
         content = read_json(path, CATALOGUE, WANTED)
         found = build_record(_Catalogue, content)
-        entries = [entry_of(record) for record in content["entries"]]
-        branches = [_branch_of(folder, record) for record in content["branches"]]
+        entries = [entry_of(record) for record in found.entries]
+        branches = [_branch_of(folder, record) for record in found.branches]
         curves, points = (
-            [read_curve(folder / curve_file(c["id"], c["kind"], c["word"])) for c in records] or ()
-            for records in (content.get("curves", []), content.get("codimension2_curves", []))
+            [read_curve(folder / curve_file(c["id"], c["kind"], c["word"])) for c in records or ()]
+            for records in (found.curves, found.codimension2_curves)
         )
     # earlier versions do not say how far a diagram was surveyed
-    survey = content.get("survey")
+    survey = found.survey
     diagram = Diagram(
         found.scene,
         branches,
-        curves,
+        curves or (),
         found.checks or (),
         {"stopped": found.interrupted} if found.interrupted else {},
-        codim2_curves=points,
-        coverage=found.coverage,
-        areas=found.areas,
+        codim2_curves=points or (),
+        coverage=found.coverage or (),
+        areas=found.areas or (),
         survey=survey if isinstance(survey, str) and survey in SURVEYS else "unknown",
-        limits=found.limits,
+        limits=found.limits or (),
     )
     return Results(content, entries, diagram)
 

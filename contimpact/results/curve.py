@@ -15,6 +15,7 @@ from ..bifurcations.declarations import CROSSINGS, REQUESTED
 from ..bifurcations.registry import kind_of
 from ..continuation.ends import End
 from ..display import Summary, limit_lines
+from ..schema import attribute, documented
 from .tables import Columns, first_unknown
 
 # Areas of two parameters in which the same stable orbits end in the same way.
@@ -119,50 +120,57 @@ def _count_crossings(ring: np.ndarray, x: float, y: float) -> int:
     return int(np.sum(passes & (heights > y)))
 
 
-@dataclass(frozen=True, eq=False)
-class Curve(Columns):
-    """A curve of bifurcations, as a table.
-
-    Attributes
-    ----------
-    id, kind, label : str
-        Its name, the kind of bifurcation, and the label of the entry it was started from.
-    word, period, notation
-        The orbits on it.
-    parameters : (str, str) or (str, str, str)
-        The branch's parameter and the second one; on curves of points of codimension two the
-        third one besides.
-    columns : mapping of str to ndarray
-        As of a branch; `n_unstable`, `physical` and `reason` leave the bifurcation itself out.
-    ends : (End, End)
-    points : sequence of Codim2
-        The points of codimension two on it, in order.
-    origin : str
-        The entry it was started from.
-    missed : sequence of str
-    fixed : mapping of str to float
-        Values of a family's parameters.
-    evaluations : int
-        Flights evaluated to follow it; not written to files.
-    branch : str
-        The branch of the entry it was started from; empty in files of earlier versions.
-    """
+@dataclass(frozen=True)
+class Codim2:
+    """A point of codimension two on a curve, as the catalogue records it."""
 
     id: str
+    curve: str
     kind: str
-    label: str
-    word: str
-    period: int
-    notation: str
-    parameters: tuple[str, ...]
-    columns: Mapping[str, Array]
-    ends: tuple[End, End]
-    points: Sequence[Codim2]
-    origin: str
-    missed: Sequence[str] = ()
-    fixed: Mapping[str, float] = field(default_factory=dict)
+    """`id`, `curve`, `kind`: PD-G, FB-G, BP-G, G-FB, G-PD, CP (cusp), GPD, DG (touch with zero
+    acceleration), R1, R2, ..."""
+    changes: str
+    """Change that happens there."""
+    parameters: Mapping[str, float]
+    impacts: Sequence[Mapping[str, Any]]
+    residual: float
+    error: float
+    """`residual`, `error`: of the curve's equations; a bound of the error of the second
+    parameter."""
+
+
+@documented
+@dataclass(frozen=True, eq=False)
+class Curve(Columns):
+    """A curve of bifurcations, as a table."""
+
+    id: str = attribute("`c1`, `c2`, …")
+    kind: str = attribute("the kind of bifurcation")
+    label: str = attribute("the label of the entry it was started from")
+    word: str = attribute("walls of its orbits in order")
+    period: int = attribute("p, in forcing periods")
+    notation: str = attribute("n:m/pT")
+    parameters: tuple[str, ...] = attribute(
+        "the branch's parameter and the second one; on curves of points of codimension two "
+        "also the third one"
+    )
+    columns: Mapping[str, Array] = attribute(
+        "as of a branch; `n_unstable`, `physical` and `reason` leave the bifurcation itself out"
+    )
+    ends: tuple[End, End] = attribute("how it ends at its first and at its last point")
+    points: Sequence[Codim2] = attribute(
+        "the points of codimension two on it, in order", name="codimension2"
+    )
+    origin: str = attribute("the entry it was started from", name="from")
+    missed: Sequence[str] = attribute(
+        "points of codimension two that may be missing, with the reason", ()
+    )
+    fixed: Mapping[str, float] = attribute("values of a family's parameters", {})
     evaluations: int = field(default=0, compare=False)
-    branch: str = ""
+    """Flights evaluated to follow it; not written to files."""
+    branch: str = attribute(
+        "the branch of the entry it was started from; empty in files of earlier versions", ""
+    )
 
     @property
     def ghost(self) -> Array:
@@ -196,25 +204,6 @@ class Curve(Columns):
 
     def _place(self, point: Codim2) -> str:
         return ", ".join(f"{name} = {point.parameters[name]:.12g}" for name in self.parameters)
-
-
-@dataclass(frozen=True)
-class Codim2:
-    """A point of codimension two on a curve, as the catalogue records it."""
-
-    id: str
-    curve: str
-    kind: str
-    """`id`, `curve`, `kind`: PD-G, FB-G, BP-G, G-FB, G-PD, CP (cusp), GPD, DG (touch with zero
-    acceleration), R1, R2, ..."""
-    changes: str
-    """Change that happens there."""
-    parameters: Mapping[str, float]
-    impacts: Sequence[Mapping[str, Any]]
-    residual: float
-    error: float
-    """`residual`, `error`: of the curve's equations; a bound of the error of the second
-    parameter."""
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ import io
 import json
 import math
 import re
+import sys
 import types
 import typing
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -243,8 +244,8 @@ def _number(value: Any) -> float | None:
     """A number; what is not finite may be written as a text."""
     if isinstance(value, str):
         return float(value) if value in NOT_FINITE else None
-    plain = isinstance(value, int | float) and not isinstance(value, bool)
-    return float(value) if plain else None
+    whole = type(value) is int and abs(value) <= sys.float_info.max
+    return float(value) if whole or isinstance(value, float) else None
 
 
 def _whole_number(value: Any) -> int | None:

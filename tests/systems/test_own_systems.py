@@ -17,7 +17,8 @@ from contimpact.models.linear import Linear
 from contimpact.models.model import COLUMNS, Formulas, Model, Parameter, Wall
 from contimpact.models.symbolic import harmonic_means
 from contimpact.orbits.search import find_orbits
-from contimpact.results.branch import FLAT as EVENT_COLUMNS
+from contimpact.results.branch import Entry
+from contimpact.schema import table_columns
 from contimpact.segments.checking import check_model
 from contimpact.segments.kernels import Kernels
 from contimpact.simulation.sweep import columns_of
@@ -137,12 +138,12 @@ def test_the_columns_of_all_tables_are_known(tmp_path):
         find_orbits(model, "1", parameter="a")[0], "a", (0.9 * model.values["a"], 0.01)
     )
     own, several = {*model.values, *model.DERIVED}, columns_of(4)
-    columns = {*branch.columns, *EVENT_COLUMNS, *several} - own
+    columns = {*branch.columns, *table_columns(Entry), *several} - own
     for column in columns:
         with pytest.raises(InputError, match="column of that name"):
             ball(column)
     multipliers = {f"multiplier{k}_{part}" for k in range(1, 5) for part in ("re", "im")}
-    assert {*EVENT_COLUMNS, *several} - COLUMNS <= {*multipliers, "exponent3", "exponent4"}
+    assert {*table_columns(Entry), *several} - COLUMNS <= {*multipliers, "exponent3", "exponent4"}
 
 
 # The contract
