@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ from ..models.word import Word
 from ..orbits.problem import Array, OrbitProblem
 from ..progress import Progress, ignore_progress
 from ..results.branch import Branch, Entry, model_at
+from ..schema import record
 from ..segments.kernels import Kernels
 from .birth import prove_birth
 from .equations import BallProblem
@@ -104,7 +105,8 @@ class BranchCertificate:
 
     def record(self) -> dict[str, Any]:
         """Return the certificate as plain data."""
-        return {**asdict(self), "complete": self.complete}
+        names = [field.name for field in fields(self)]
+        return record(self, (*names, "complete"))
 
 
 def _percent(share: float) -> str:

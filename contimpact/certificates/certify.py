@@ -18,11 +18,12 @@ from ..models.model import Model
 from ..orbits.problem import OrbitProblem
 from ..progress import Progress, ignore_progress
 from ..results.branch import Branch, Entry, model_at, model_of, orbit_of
-from ..results.catalogue import open_results
+from ..results.catalogue import Results, open_results
 from ..results.diagram import Diagram
 from ..results.options import CertifyOptions
-from ..results.result_folder import CATALOGUE, MANIFEST, WANTED, digests_of, read_json
+from ..results.result_folder import digests_of, read_json
 from ..results.scene import Scene, load_scene
+from ..schema import record
 from ..segments.balls import INTEGRATED, without_enclosures
 from ..segments.kernels import Kernels
 from ..storage.files import append, write_text
@@ -92,15 +93,9 @@ class Certificates:
 
     def record(self) -> dict[str, Any]:
         """Return the certificates as plain data."""
-        return {
-            "schema": SCHEMA,
-            "scene": self.scene,
-            "catalogue": self.catalogue,
-            "versions": dict(self.versions),
-            "seconds": self.seconds,
-            "entries": [c.record() for c in self.entries],
-            "branches": [c.record() for c in self.branches],
-        }
+        names = ("scene", "catalogue", "versions", "seconds", "entries")
+        branches = [c.record() for c in self.branches]
+        return {"schema": SCHEMA, **record(self, names), "branches": branches}
 
 
 def digest(catalogue: Mapping[str, Any]) -> str:
@@ -128,15 +123,19 @@ def read_certificates(folder: Path) -> Certificates:
         raise InputError(str(path), f"damaged ({error})", f"give a file of {SCHEMA!r}") from None
 
 
-def write_certificates(folder: Path, certificates: Certificates) -> list[str]:
-    """Write ``certificates.json``, and the radii into the catalogue; return the files' names."""
-    path = folder / "catalogue.json"
-    catalogue = read_json(path, CATALOGUE, WANTED)
+def write_certificates(results: Results, certificates: Certificates) -> list[str]:
+    """Write ``certificates.json``, and the radii into the catalogue, to which the manifest then
+    belongs; return the files' names."""
+    folder, manifest = results.folder, results.manifest
     radii = {c.id: c.certified_radius for c in certificates.entries if c.certified}
-    catalogue["entries"] = [_add_radius(e, radii.get(e["id"])) for e in catalogue["entries"]]
+    entries = [_add_radius(e, radii.get(e["id"])) for e in results.catalogue["entries"]]
     write_text(folder / FILE, json_text(certificates.record()))
-    write_text(path, json_text(catalogue))
-    _renew_manifest(folder)
+    write_text(folder / "catalogue.json", json_text({**results.catalogue, "entries": entries}))
+    if manifest is not None:
+        files = sorted({*manifest["files"], FILE})
+        sealed = manifest.get("sha256", {}) | digests_of(folder, ["catalogue.json"])
+        renewed = {**manifest, "files": files, "sha256": sealed}
+        write_text(folder / "manifest.json", json_text(renewed))
     return [FILE, "catalogue.json"]
 
 
@@ -149,17 +148,6 @@ def _add_radius(entry: Mapping[str, Any], radius: float | None) -> dict[str, Any
         if key == "error" and radius is not None:
             found["certified_radius"] = radius
     return found
-
-
-def _renew_manifest(folder: Path) -> None:
-    """The manifest belongs to the catalogue as it is now, and names the certificates."""
-    path = folder / "manifest.json"
-    if not path.exists():
-        return
-    manifest = read_json(path, MANIFEST, WANTED)
-    manifest["files"] = sorted({*manifest["files"], FILE})
-    manifest["sha256"] = manifest.get("sha256", {}) | digests_of(folder, ["catalogue.json"])
-    write_text(path, json_text(manifest))
 
 
 class CertificateLog:
@@ -208,10 +196,9 @@ class CertificateLog:
     def add(self, certificate: EventCertificate | BranchCertificate) -> None:
         """Keep a certificate."""
         if self.path is not None:
-            row: dict[str, Json] = {
-                "of": type(certificate).__name__,
-                "certificate": certificate.record(),
-            }
+            branch = isinstance(certificate, BranchCertificate)
+            content = certificate.record() if branch else record(certificate)
+            row: dict[str, Json] = {"of": type(certificate).__name__, "certificate": content}
             append(self.path, (json_line(row) + "\n").encode())
 
     def remove(self) -> None:
@@ -310,7 +297,7 @@ def certify(
         what = follow(what, progress=progress)
     options = options or CertifyOptions()
     if isinstance(what, str | Path):
-        return certify_folder(Path(what), options, model, progress=progress)
+        return certify_results(open_results(Path(what)), options, model, progress=progress)
     if isinstance(what, Entry):
         what = [what]
     if isinstance(what, Branch):
@@ -328,26 +315,18 @@ def certify(
     )
 
 
-def certify_folder(
-    folder: Path,
+def certify_results(
+    results: Results,
     options: CertifyOptions,
     model: Model | None = None,
     *,
     progress: Progress = ignore_progress,
     keep: bool = False,
 ) -> Certificates:
-    """Prove the catalogue in a folder that ``contimpact run`` wrote.
-
-    Parameters
-    ----------
-    model, progress
-        As in `certify`.
-    keep : bool
-        Whether to keep certificates in the folder as they are found, and to go on from those.
-    """
-    results = open_results(folder)
+    """Prove the catalogue of a folder; see `certify`. Where it is asked to `keep`, certificates are
+    kept in the folder as they are found, to go on from."""
     said = digest(results.catalogue)
-    kept = CertificateLog(folder / ROWS if keep else None, f"{said} {options} {versions()}")
+    kept = CertificateLog(results.folder / ROWS if keep else None, f"{said} {options} {versions()}")
     found = _Work(options, model, progress, kept).certificates(
         results.diagram.name, said, results.entries, results.diagram.branches
     )
@@ -454,8 +433,8 @@ def _same_event(one: EventCertificate, other: EventCertificate, entries: Sequenc
     return all(flint.arb(x).overlaps(flint.arb(y)) for x, y in pairs)
 
 
-def verify_folder(
-    folder: Path, model: Model | None = None, *, progress: Progress = ignore_progress
+def verify_results(
+    results: Results, model: Model | None = None, *, progress: Progress = ignore_progress
 ) -> Certificates:
     """Prove anew what ``certificates.json`` says of the catalogue beside it.
 
@@ -465,9 +444,8 @@ def verify_folder(
     Raises InputError if a file is missing or damaged.
     """
     began = time.perf_counter()
-    results = open_results(folder)
     entries, branches = results.entries, results.diagram.branches
-    stored = read_certificates(folder)
+    stored = read_certificates(results.folder)
     problems, records = Problems(model), {c.id: c for c in stored.entries}
 
     def prove(entry: Entry) -> EventCertificate:

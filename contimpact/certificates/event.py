@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -162,10 +162,6 @@ class EventCertificate:
     def located(self) -> bool:
         """Whether the event is proven to be where it is recorded, whatever is said of its orbit."""
         return self.certified or self.clause in SAID
-
-    def record(self) -> dict[str, Any]:
-        """Return the certificate as plain data."""
-        return {**asdict(self), "box": list(self.box), "inner": list(self.inner)}
 
 
 class NoEnclosuresError(InputError):

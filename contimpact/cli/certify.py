@@ -7,9 +7,10 @@ import importlib.util
 from pathlib import Path
 
 from ..errors import InputError
+from ..results.catalogue import Results, open_results, scene_in
 from ..results.options import CertifyOptions
-from ..results.result_folder import MANIFEST, WANTED, hold_folder, read_json
-from ..results.scene import load_scene, read_scene
+from ..results.result_folder import hold_folder
+from ..results.scene import load_scene
 from ..segments.kernels import Kernels
 from ..telling import telling
 from .terminal import complain, say
@@ -51,16 +52,22 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _certify_or_verify(folder: Path, options: argparse.Namespace) -> int:
-    from ..certificates.certify import FILE, ROWS, certify_folder, verify_folder, write_certificates
+    from ..certificates.certify import (
+        FILE,
+        ROWS,
+        certify_results,
+        verify_results,
+        write_certificates,
+    )
 
-    asked = settings_of(folder)
     with telling(folder.name, options.quiet) as tell:
         if options.verify:
-            found = verify_folder(folder, progress=tell)
+            found = verify_results(open_results(folder), progress=tell)
         else:
             with hold_folder(folder, (FILE, ROWS)):
-                found = certify_folder(folder, asked, progress=tell, keep=True)
-                write_certificates(folder, found)
+                results = open_results(folder)
+                found = certify_results(results, settings_of(results), progress=tell, keep=True)
+                write_certificates(results, found)
     if not options.quiet:
         for line in found.lines():
             say(line)
@@ -71,13 +78,9 @@ def _certify_or_verify(folder: Path, options: argparse.Namespace) -> int:
     return 0 if found.certified else 1
 
 
-def settings_of(folder: Path) -> CertifyOptions:
+def settings_of(results: Results) -> CertifyOptions:
     """Return what the scene in a folder's manifest asks for; the defaults where there is none."""
-    path = folder / "manifest.json"
-    if not path.exists():
+    if results.manifest is None:
         return CertifyOptions()
-    try:
-        scene = read_scene(read_json(path, MANIFEST, WANTED)["scene"]["resolved"])
-    except (KeyError, TypeError):
-        raise InputError(str(path), "damaged: it holds no scene", f"give {WANTED}") from None
+    scene = scene_in(results.folder, manifest=results.manifest)
     return scene.certify or CertifyOptions(events=scene.events)

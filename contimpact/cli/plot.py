@@ -12,13 +12,13 @@ from ..errors import InputError, short_repr
 from ..models.model import Model
 from ..progress import Progress
 from ..results.branch import model_at
-from ..results.catalogue import load_diagram
+from ..results.catalogue import open_results, scene_in
 from ..results.diagram import Diagram
 from ..results.diagram_reading import sentence_of
 from ..results.fractions import read_fractions
 from ..results.options import FORMATS, PlotOptions
-from ..results.result_folder import MANIFEST, WANTED, kept_still, read_json
-from ..results.scene import Scene, load_scene, read_scene, systems_of
+from ..results.result_folder import kept_still, reading
+from ..results.scene import Scene, systems_of
 from ..storage.files import is_there
 from ..telling import telling
 from .console import motions_in
@@ -56,8 +56,8 @@ def _draw(
 ) -> None:
     """Draw the diagram in a folder to a file, of a simulation with its attractors."""
     simulated = is_there(folder / "sweep.csv")
-    diagram = _diagram_in(folder, systems_of(options.system))
-    plot, model, membrane = _drawing_options(folder, diagram, systems_of(options.system))
+    diagram, scene, _ = _open(folder, systems_of(options.system))
+    plot, model, membrane = _drawing_options(diagram, scene)
     chosen = _plot_choices(plot, diagram, options)
     if kind not in FORMATS:
         accepted = f"accepted are {', '.join(FORMATS)}, html"
@@ -92,28 +92,32 @@ def draw_page(
     from ..page.data import PageView, remarks_in
     from ..page.document import write_page
 
-    systems = systems_of(options.system) if options else {}
-    given, diagram = _names_its_scene(folder), _diagram_in(folder, systems)
-    plot, model, _ = _drawing_options(folder, diagram, systems)
+    diagram, scene, manifest = _open(folder, systems_of(options.system) if options else {})
+    plot, model, _ = _drawing_options(diagram, scene)
     chosen = _plot_choices(plot, diagram, options) if options else {}
     shown = PageView(plot.x, plot.xlim, plot.ylim, plot.unphysical)
-    if given:
-        source, remarks = scene_of(folder, systems).source, []
-        if (folder / "manifest.json").exists():
-            manifest = read_json(folder / "manifest.json", MANIFEST, WANTED)
-            remarks = remarks_in(manifest, diagram.coverage)
-        shown = dataclasses.replace(shown, source=source, remarks=remarks)
+    if scene is not None:
+        remarks = [] if manifest is None else remarks_in(manifest, diagram.coverage)
+        shown = dataclasses.replace(shown, source=scene.source, remarks=remarks)
     shown = dataclasses.replace(shown, **chosen)
     motions = motions_in(folder, diagram, model, tell) if model is not None else []
     write_page(diagram, model, folder, shown, target, tell, motions)
 
 
-def _diagram_in(folder: Path, systems: Mapping[str, type[Model]]) -> Diagram:
-    """The diagram in a folder; one without branches of a simulation that followed none."""
-    simulated = is_there(folder / "sweep.csv") and not is_there(folder / "catalogue.json")
-    if _names_its_scene(folder) and simulated:
-        return Diagram(scene_of(folder, systems).name, [])
-    return load_diagram(folder)
+def _open(
+    folder: Path, systems: Mapping[str, type[Model]]
+) -> tuple[Diagram, Scene | None, Mapping[str, Any] | None]:
+    """The diagram in a folder, without branches of a simulation that followed none; its scene, and
+    its manifest, None in a folder that was written from Python."""
+    named = any((folder / name).exists() for name in ("manifest.json", "scene.toml"))
+    if named and is_there(folder / "sweep.csv") and not is_there(folder / "catalogue.json"):
+        with reading(folder) as manifest:
+            scene = scene_in(folder, systems, manifest)
+        return Diagram(scene.name, []), scene, manifest
+    found = open_results(folder)
+    if not named and found.diagram.branches:
+        return found.diagram, None, None
+    return found.diagram, scene_in(folder, systems, found.manifest), found.manifest
 
 
 def _plot_choices(
@@ -133,15 +137,14 @@ def _plot_choices(
 
 
 def _drawing_options(
-    folder: Path, diagram: Diagram, systems: Mapping[str, type[Model]]
+    diagram: Diagram, scene: Scene | None
 ) -> tuple[PlotOptions, Model | None, Membrane | None]:
     """How a diagram is drawn, the system, and the membranes that were named.
 
     They are those of the scene, or, in a folder that was written from Python, those that the
     branches name; None for a system of one's own.
     """
-    if _names_its_scene(folder) or not diagram.branches:
-        scene = scene_of(folder, systems)
+    if scene is not None:
         _require_walls(diagram, scene)
         return scene.plot, scene.model, scene.energy
     branch = diagram.branches[0]
@@ -158,29 +161,3 @@ def _require_walls(diagram: Diagram, scene: Scene) -> None:
         if not set(branch.word) <= walls:
             accepted = f"{scene.model.SYSTEM} has the walls {', '.join(sorted(walls))}"
             raise InputError(f"branch {branch.id}", f"the word {short_repr(branch.word)}", accepted)
-
-
-def _names_its_scene(folder: Path) -> bool:
-    """Whether a folder has a manifest, or the scene file that its results are committed with."""
-    return (folder / "manifest.json").exists() or (folder / "scene.toml").exists()
-
-
-def scene_of(folder: Path, systems: Mapping[str, type[Model]]) -> Scene:
-    """Return the scene in a folder's manifest; without one, that of its scene file.
-
-    Raises InputError if there is neither.
-    """
-    path, wanted = folder / "manifest.json", WANTED
-    if not path.exists() and (folder / "scene.toml").exists():
-        return load_scene(folder / "scene.toml", systems)
-    manifest = read_json(path, MANIFEST, wanted)
-    try:
-        return read_scene(manifest["scene"]["resolved"], systems)
-    except InputError as error:
-        if error.where == "model.system":
-            raise InputError(str(path), error.found, error.accepted) from None
-        raise InputError(
-            str(path), f"its scene cannot be read: {error}", f"give {wanted}"
-        ) from None
-    except (KeyError, TypeError):
-        raise InputError(str(path), "damaged: it holds no scene", f"give {wanted}") from None

@@ -7,11 +7,11 @@ from functools import partial
 from pathlib import Path
 
 from ..diagrams.ranges import load_ranges, ranges_text
+from ..results.catalogue import scene_in
 from ..results.result_folder import kept_still
 from ..results.scene import systems_of
 from ..storage.files import is_there, write_all
 from ..telling import telling
-from .plot import scene_of
 from .terminal import say
 
 
@@ -21,7 +21,7 @@ def command(options: argparse.Namespace) -> int:
     with kept_still(folder), telling(folder.name, patient=True) as tell:
         tell("reading")
         alone = is_there(folder / "sweep.csv") and not is_there(folder / "catalogue.json")
-        found = load_ranges(folder, scene_of(folder, systems).model if alone else None)
+        found = load_ranges(folder, scene_in(folder, systems).model if alone else None)
     for value in options.at:
         say(found.describe(value))
     if not options.at:

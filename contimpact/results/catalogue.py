@@ -25,6 +25,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import InputError, explain_arguments
+from ..models.model import Model
 from ..models.word import LONGEST_WORD
 from ..schema import attribute, record, table_columns
 from ..storage.files import (
@@ -52,6 +53,7 @@ from .diagram import Diagram, Limit
 from .diagram_reading import SURVEYS, read
 from .result_folder import (
     CATALOGUE,
+    MANIFEST,
     TABLES,
     WANTED,
     branch_file,
@@ -61,6 +63,7 @@ from .result_folder import (
     reading,
     renew_folder,
 )
+from .scene import Scene, load_scene, read_scene
 
 T = TypeVar("T")
 
@@ -434,6 +437,9 @@ def load_diagram(folder: str | Path) -> Diagram:
 class Results:
     """A folder of results, read once: what its catalogue says, entries and diagram."""
 
+    folder: Path
+    manifest: Mapping[str, Any] | None
+    """None without one."""
     catalogue: Mapping[str, Any]
     entries: Sequence[Entry]
     """Those of the catalogue, with certified radii."""
@@ -443,7 +449,7 @@ class Results:
 def open_results(folder: Path) -> Results:
     """Return what a folder of results holds; raises InputError as `load_diagram` does."""
     path = folder / "catalogue.json"
-    with reading(folder), check_reading(path, CATALOGUE):
+    with reading(folder) as manifest, check_reading(path, CATALOGUE):
         content = read_json(path, CATALOGUE, WANTED)
         found = build_record(_Catalogue, content)
         entries = [entry_of(record) for record in found.entries]
@@ -466,7 +472,33 @@ def open_results(folder: Path) -> Results:
         survey=survey if isinstance(survey, str) and survey in SURVEYS else "unknown",
         limits=found.limits or (),
     )
-    return Results(content, entries, diagram)
+    return Results(folder, manifest, content, entries, diagram)
+
+
+def scene_in(
+    folder: Path,
+    systems: Mapping[str, type[Model]] | None = None,
+    manifest: Mapping[str, Any] | None = None,
+) -> Scene:
+    """Return the scene in a folder's manifest, which may have been read; without one, that of its
+    scene file.
+
+    Raises InputError if there is neither, or it is damaged.
+    """
+    path = folder / "manifest.json"
+    if manifest is None:
+        if not path.exists() and (folder / "scene.toml").exists():
+            return load_scene(folder / "scene.toml", systems)
+        manifest = read_json(path, MANIFEST, WANTED)
+    try:
+        return read_scene(manifest["scene"]["resolved"], systems)
+    except InputError as error:
+        if error.where == "model.system":
+            raise InputError(str(path), error.found, error.accepted) from None
+        found = f"its scene cannot be read: {error}"
+        raise InputError(str(path), found, f"give {WANTED}") from None
+    except (KeyError, TypeError):
+        raise InputError(str(path), "damaged: it holds no scene", f"give {WANTED}") from None
 
 
 def _branch_of(folder: Path, record: Mapping[str, Any]) -> Branch:

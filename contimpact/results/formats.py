@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from ..storage.files import Content, write, write_all, write_text
 from ..storage.texts import csv_text, fit_value, json_text, markdown_cell
 from .branch import Branch
 from .catalogue import check_reading, entry_of
-from .result_folder import CATALOGUE, MANIFEST, WANTED, read_json, reading, sha256
+from .result_folder import CATALOGUE, WANTED, read_json, reading, sha256
 
 END_POINT = 9
 
@@ -99,9 +99,9 @@ def merge(folders: Sequence[str | Path]) -> dict[str, Any]:
     entries: list[dict[str, Any]] = []
     for folder in map(Path, folders):
         path = folder / "catalogue.json"
-        with reading(folder):
+        with reading(folder) as manifest:
             content = read_json(path, CATALOGUE, WANTED)
-            digest, origin = sha256(path), _manifest_summary(folder)
+            digest, origin = sha256(path), _manifest_summary(folder, manifest)
         with check_reading(path, CATALOGUE):
             scene = fit_value(content["scene"], str, "scene")
             for record in content["entries"]:
@@ -117,19 +117,18 @@ def merge(folders: Sequence[str | Path]) -> dict[str, Any]:
     return {"schema": CATALOGUES, "sources": sources, "entries": entries}
 
 
-def _manifest_summary(folder: Path) -> dict[str, Any]:
+def _manifest_summary(folder: Path, manifest: Mapping[str, Any] | None) -> dict[str, Any]:
     """What the manifest says of a catalogue; nothing if the folder has none."""
-    path = folder / "manifest.json"
-    if not path.exists():
+    if manifest is None:
         return {"source": None, "versions": None}
-    manifest = read_json(path, MANIFEST, WANTED)
     try:
         return {
             "source": manifest["scene"]["resolved"]["source"],
             "versions": manifest["versions"],
         }
     except (KeyError, TypeError):
-        raise InputError(str(path), "damaged", f"give {WANTED}") from None
+        where = str(folder / "manifest.json")
+        raise InputError(where, "damaged", f"give {WANTED}") from None
 
 
 def write_merged(merged: dict[str, Any], folder: Path) -> list[str]:

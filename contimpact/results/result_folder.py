@@ -331,15 +331,16 @@ def _begins_as_ours(path: Path) -> bool:
 
 
 @contextlib.contextmanager
-def reading(folder: Path) -> Iterator[None]:
-    """Make sure that the results in a folder are of one run, and stay so while they are read.
+def reading(folder: Path) -> Iterator[Mapping[str, Any] | None]:
+    """Make sure that the results in a folder are of one run, and stay so while they are read;
+    gives the folder's manifest, if it has one.
 
     Raises InputError if a run was ended while it wrote the folder, its manifest belongs to another
     catalogue or to another table, or it is rewritten meanwhile.
     """
-    before = _state(folder)
-    yield
-    if _state(folder) != before:
+    manifest, before = _state(folder)
+    yield manifest
+    if _state(folder)[1] != before:
         raise InputError(str(folder), "written anew while it was read", "read it again")
 
 
@@ -349,16 +350,18 @@ def digests_of(folder: Path, files: Iterable[str]) -> dict[str, str]:
     return {name: found for name in names if (found := sha256(folder / name))}
 
 
-def _state(folder: Path) -> tuple[str | None, ...]:
-    """Digests of a folder's manifest and of the files that it seals, if they belong to it."""
+def _state(folder: Path) -> tuple[Mapping[str, Any] | None, tuple[str | None, ...]]:
+    """A folder's manifest, and the digests of it and of the files that it seals, if they belong to
+    it."""
     catalogue, manifest = folder / "catalogue.json", folder / "manifest.json"
     if os.path.lexists(folder / MARK):
         found = "a run is writing this folder, or ended before all was written"
         accepted = "run it again, or remove this file to use what is there"
         raise InputError(str(folder / MARK), found, accepted)
     if not is_there(manifest):
-        return None, sha256(catalogue)
-    sealed = read_json(manifest, MANIFEST, WANTED).get("sha256")
+        return None, (None, sha256(catalogue))
+    content = read_json(manifest, MANIFEST, WANTED)
+    sealed = content.get("sha256")
     told = sealed if isinstance(sealed, dict) else {}
     there = digests_of(folder, ["catalogue.json", *told])
     for name, digest in there.items():
@@ -366,7 +369,7 @@ def _state(folder: Path) -> tuple[str | None, ...]:
             accepted = "run it again, or remove manifest.json to use what is there as it is"
             where = str(folder / name)
             raise InputError(where, "not the one that manifest.json belongs to", accepted)
-    return sha256(manifest), *there.values()
+    return content, (sha256(manifest), *there.values())
 
 
 def sha256(path: Path) -> str | None:

@@ -13,7 +13,7 @@ import contimpact
 from contimpact import InputError, certify, continue_orbit, find_orbits, load_scene
 from contimpact.cli import main
 from contimpact.diagrams.explore import follow
-from contimpact.results.catalogue import write_diagram
+from contimpact.results.catalogue import open_results, write_diagram
 from contimpact.results.options import CertifyOptions
 
 flint = pytest.importorskip("flint", reason="needs contimpact[certify]")
@@ -23,8 +23,8 @@ from contimpact.certificates.branch import problem_of, verify_branch  # noqa: E4
 from contimpact.certificates.certify import (  # noqa: E402
     FILE,
     CertificateLog,
-    certify_folder,
-    verify_folder,
+    certify_results,
+    verify_results,
     write_certificates,
 )
 from contimpact.certificates.equations import BallProblem  # noqa: E402
@@ -245,11 +245,12 @@ def test_the_folder_is_certified_and_verified(folder, capsys):
 @pytest.mark.parametrize("key", ["box", "inner"])
 def test_a_forged_box_is_found(folder, key):
     options = CertifyOptions(branches=False)
-    write_certificates(folder, certify_folder(folder, options))
+    results = open_results(folder)
+    write_certificates(results, certify_results(results, options))
     record = json.loads((folder / FILE).read_text())
     record["entries"][1][key][0] = "[0.25 +/- 1e-9]"
     (folder / FILE).write_text(json.dumps(record))
-    found = verify_folder(folder)
+    found = verify_results(open_results(folder))
     assert {c.id: c.clause for c in found.rejected} == {"e2": "existence"}
 
 
@@ -260,7 +261,7 @@ def test_a_forged_tube_is_found(folder, proven, factor, capsys):
     record = json.loads(json.dumps(proven.record()))
     record["branches"][0]["boxes"][3] = [factor * x for x in record["branches"][0]["boxes"][3]]
     (folder / FILE).write_text(json.dumps(record))
-    found = verify_folder(folder)
+    found = verify_results(open_results(folder))
     assert (found.rejected, found.refuted, found.unconfirmed) == ([], [], ["b1"])
     (piece,) = found.branches[0].unproven
     assert piece.what == "no tube is proven"
@@ -272,17 +273,18 @@ def test_a_certificate_of_a_branch_that_is_not_there_is_found(folder, proven):
     (folder / FILE).write_text(json.dumps(proven.record()))
     catalogue = json.loads((folder / "catalogue.json").read_text())
     (folder / "catalogue.json").write_text(json.dumps({**catalogue, "branches": []}))
-    found = verify_folder(folder)
+    found = verify_results(open_results(folder))
     assert (found.rejected, found.unconfirmed, found.certified) == ([], ["b1"], False)
 
 
 def test_a_catalogue_changed_afterwards_is_found(folder):
-    write_certificates(folder, certify_folder(folder, CertifyOptions(branches=False)))
+    results = open_results(folder)
+    write_certificates(results, certify_results(results, CertifyOptions(branches=False)))
     catalogue = json.loads((folder / "catalogue.json").read_text())
     catalogue["entries"][2]["parameters"]["s"] += 1e-9
     catalogue["entries"][0]["ghost"] = False
     (folder / "catalogue.json").write_text(json.dumps(catalogue))
-    found = verify_folder(folder)
+    found = verify_results(open_results(folder))
     assert {c.id: c.clause for c in found.rejected} == {"e1": "ghost", "e3": "value"}
 
 
@@ -290,7 +292,7 @@ def test_an_interrupted_proof_goes_on(folder, monkeypatch):
     """What is kept is not proven again; rows of another catalogue are not used."""
     from contimpact.certificates import certify as doors
 
-    whole = certify_folder(folder, ENTRIES_ALONE)
+    whole = certify_results(open_results(folder), ENTRIES_ALONE)
     path, calls = folder / "certificates.jsonl", []
     real = certify_entry
 
@@ -302,9 +304,9 @@ def test_an_interrupted_proof_goes_on(folder, monkeypatch):
 
     monkeypatch.setattr(doors, "certify_entry", counted)
     with pytest.raises(KeyboardInterrupt):
-        certify_folder(folder, ENTRIES_ALONE, keep=True)
+        certify_results(open_results(folder), ENTRIES_ALONE, keep=True)
     assert path.exists()
-    found = certify_folder(folder, ENTRIES_ALONE, keep=True)
+    found = certify_results(open_results(folder), ENTRIES_ALONE, keep=True)
     assert calls == ["e1", "e2", "e3", "e3"]
     assert [tuple(c.inner) for c in found.entries] == [tuple(c.inner) for c in whole.entries]
     assert not path.exists()

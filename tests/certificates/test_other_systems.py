@@ -18,7 +18,7 @@ import contimpact
 from contimpact import certify, continue_orbit, find_orbits, load_entries, load_scene
 from contimpact.diagrams.explore import follow
 from contimpact.models.word import Word
-from contimpact.results.catalogue import write_diagram
+from contimpact.results.catalogue import open_results, write_diagram
 from contimpact.results.options import CertifyOptions
 from contimpact.results.scene import read_scene
 from contimpact.systems.oscillator import Oscillator
@@ -31,7 +31,7 @@ from contimpact.certificates.branch import problem_of, verify_branch  # noqa: E4
 from contimpact.certificates.certify import (  # noqa: E402
     FILE,
     CertificateLog,
-    verify_folder,
+    verify_results,
 )
 from contimpact.certificates.event import EventCertificate, certify_entry, verify_entry  # noqa: E402
 from contimpact.certificates.tube import (  # noqa: E402
@@ -365,7 +365,7 @@ def test_a_damaged_certificate_of_a_branch_proves_nothing(key, value, tmp_path):
     record = {**found.branches[0].record(), key: value}
     content = {**found.record(), "branches": [record, *(b.record() for b in found.branches[1:])]}
     (tmp_path / FILE).write_text(json.dumps(content))
-    told = verify_folder(tmp_path).branches[0]
+    told = verify_results(open_results(tmp_path)).branches[0]
     assert not told.complete
     assert told.kinds == ()
     damaged = ["certificate is damaged" in piece.what for piece in told.unproven]
