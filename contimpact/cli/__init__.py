@@ -1,8 +1,8 @@
 """The command line: ``contimpact new``, ``check``, ``run``, ``simulate``, ``plot`` and the rest.
 
 Exit status: 0 on success, 2 on input that cannot be used (one message on standard error), 1 on a
-computation that failed; what was computed is written all the same. Each command has a module of its
-own, imported when the command is given.
+computation that failed; what was computed is written all the same. A command is a function of a
+module, which is imported when the command is given.
 """
 
 from __future__ import annotations
@@ -12,12 +12,11 @@ import contextlib
 import importlib
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from .. import __version__
 from ..errors import InputError, NotWrittenError, each_once
-from .examples import add_examples
 from .terminal import complain, raise_on_termination, say
 
 
@@ -44,7 +43,9 @@ def _status(arguments: Sequence[str] | None) -> int:
             if isinstance(given, list) and name not in ("xlim", "ylim"):
                 setattr(options, name, each_once(given, name))
         with raise_on_termination():
-            return int(importlib.import_module(f"{__name__}.{options.module}").command(options))
+            module, _, name = options.function.partition(".")
+            found = getattr(importlib.import_module(f"{__name__}.{module}"), name)
+            return int(found(options))
     except InputError as error:
         complain(error)
         return 1 if isinstance(error, NotWrittenError) else 2
@@ -68,18 +69,45 @@ def parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"contimpact {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
-    check = commands.add_parser("check", help="validate a scene and say what would run")
+    def add(name: str, function: str, help: str, example: str) -> argparse.ArgumentParser:
+        """A command, the function that it calls, and an example that ends its help."""
+        raw = argparse.RawDescriptionHelpFormatter
+        found = commands.add_parser(
+            name, help=help, epilog=f"example:\n  {example}", formatter_class=raw
+        )
+        found.set_defaults(function=function)
+        return found
+
+    check = add(
+        "check",
+        "check.command",
+        "validate a scene and say what would run",
+        "contimpact check branches/fig7/scene.toml",
+    )
     check.add_argument("scene", metavar="SCENE", help="a scene file (TOML)")
-    check.set_defaults(module="check")
 
-    new = commands.add_parser("new", help="print a commented scene of a system to start from")
+    new = add(
+        "new",
+        "scenes.new",
+        "print a commented scene of a system to start from",
+        "contimpact new impact-pair",
+    )
     new.add_argument("kind", metavar="SYSTEM", help="its name, as contimpact systems lists them")
-    new.set_defaults(module="new")
 
-    systems = commands.add_parser("systems", help="list the systems that scenes can name")
-    systems.set_defaults(module="new", kind=None)
+    systems = add(
+        "systems",
+        "scenes.new",
+        "list the systems that scenes can name",
+        "contimpact systems",
+    )
+    systems.set_defaults(kind=None)
 
-    run = commands.add_parser("run", help="follow the branches of scenes and write the results")
+    run = add(
+        "run",
+        "run.command",
+        "follow the branches of scenes and write the results",
+        "contimpact run branches/fig7/scene.toml -o out/fig7",
+    )
     run.add_argument("scenes", metavar="SCENE", nargs="+", help="scene files (TOML)")
     run.add_argument(
         "-o",
@@ -94,9 +122,13 @@ def parser() -> argparse.ArgumentParser:
     )
     run.add_argument("--no-plot", action="store_true", help="leave the diagram out")
     run.add_argument("--html", action="store_true", help="also write the page diagram.html")
-    run.set_defaults(module="run")
 
-    simulate = commands.add_parser("simulate", help="simulate a scene's attractors")
+    simulate = add(
+        "simulate",
+        "simulate.command",
+        "simulate a scene's attractors",
+        "contimpact simulate branches/fig7/scene.toml -o out/fig7/simulation --resume",
+    )
     simulate.add_argument("scene", metavar="SCENE", help="a scene file (TOML) with [simulate]")
     simulate.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write to")
     simulate.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
@@ -105,9 +137,13 @@ def parser() -> argparse.ArgumentParser:
     simulate.add_argument(
         "--resume", action="store_true", help="continue what an interrupted run has left in DIR"
     )
-    simulate.set_defaults(module="simulate")
 
-    report = commands.add_parser("report", help="measure error against run time for a scene")
+    report = add(
+        "report",
+        "scenes.report",
+        "measure error against run time for a scene",
+        "contimpact report branches/fig7/scene.toml -o out/fig7/report -n 3",
+    )
     report.add_argument("scene", metavar="SCENE", help="a scene file (TOML)")
     report.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write to")
     report.add_argument(
@@ -115,9 +151,13 @@ def parser() -> argparse.ArgumentParser:
     )
     report.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
     report.add_argument("--no-plot", action="store_true", help="leave the plots out")
-    report.set_defaults(module="report")
 
-    certify = commands.add_parser("certify", help="prove what a catalogue says")
+    certify = add(
+        "certify",
+        "certify.command",
+        "prove what a catalogue says",
+        "contimpact certify out/fig7",
+    )
     certify.add_argument(
         "target", metavar="SCENE|DIR", help="a scene file (TOML) to run first, or a folder"
     )
@@ -127,14 +167,22 @@ def parser() -> argparse.ArgumentParser:
     )
     certify.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
     certify.add_argument("--no-plot", action="store_true", help="leave the diagram out")
-    certify.set_defaults(module="certify")
 
-    merge = commands.add_parser("catalogue", help="merge the catalogues of several folders")
+    merge = add(
+        "catalogue",
+        "folders.catalogue",
+        "merge the catalogues of several folders",
+        "contimpact catalogue out/fig7 out/fig8 -o out/both",
+    )
     merge.add_argument("folders", metavar="DIR", nargs="+", help="folders written by run")
     merge.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write to")
-    merge.set_defaults(module="merge")
 
-    study = commands.add_parser("study", help="compute the scenes of a study into a store")
+    study = add(
+        "study",
+        "study.study",
+        "compute the scenes of a study into a store",
+        "contimpact study branches/atlas/A5.toml -o competition.sqlite --workers 2",
+    )
     study.add_argument("study", metavar="STUDY", help="a study file (TOML)")
     study.add_argument(
         "-o", "--output", metavar="STORE", required=True, help="store to write to, or to continue"
@@ -148,9 +196,13 @@ def parser() -> argparse.ArgumentParser:
     study.add_argument("--mpi", action="store_true", help="compute on the processes of an MPI run")
     study.add_argument("--again", action="store_true", help="try scenes again that have failed")
     study.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
-    study.set_defaults(module="study")
 
-    export = commands.add_parser("export", help="write the tables of a store as files")
+    export = add(
+        "export",
+        "study.export",
+        "write the tables of a store as files",
+        "contimpact export competition.sqlite -o out/tables --format csv.gz --table events",
+    )
     export.add_argument("store", metavar="STORE", help="a store written by study")
     export.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write to")
     export.add_argument(
@@ -165,9 +217,13 @@ def parser() -> argparse.ArgumentParser:
     export.add_argument("--columns", help="these columns alone", **columns)
     export.add_argument("--digits", metavar="N", type=int, help="significant digits (default all)")
     export.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
-    export.set_defaults(module="export")
 
-    atlas = commands.add_parser("atlas", help="draw maps of studies over two of their axes")
+    atlas = add(
+        "atlas",
+        "study.atlas",
+        "draw maps of studies over two of their axes",
+        "contimpact atlas competition.sqlite -o out/maps --quantity mechanism --axes beta r",
+    )
     atlas.add_argument("store", metavar="STORE", help="a store written by study")
     atlas.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write to")
     atlas.add_argument("--study", metavar="NAME", action="append", help="of these studies alone")
@@ -182,9 +238,13 @@ def parser() -> argparse.ArgumentParser:
     )
     atlas.add_argument("--no-plot", action="store_true", help="write the tables alone")
     atlas.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
-    atlas.set_defaults(module="atlas")
 
-    plot = commands.add_parser("plot", help="draw a folder's diagram, with its attractors")
+    plot = add(
+        "plot",
+        "folders.plot",
+        "draw a folder's diagram, with its attractors",
+        "contimpact plot out/fig7 -x d -y multipliers --xlim 0.13 0.25 -o multipliers.svg",
+    )
     plot.add_argument("folder", metavar="DIR", help="folder written by run or simulate")
     plot.add_argument(
         "-o", "--output", metavar="FILE", help="file to write (svg, png, pdf or html)"
@@ -199,13 +259,21 @@ def parser() -> argparse.ArgumentParser:
     limits: dict[str, Any] = {"nargs": 2, "type": float, "metavar": ("LOW", "HIGH")}
     plot.add_argument("--xlim", help="limits of the x axis", **limits)
     plot.add_argument("--ylim", help="limits of the y axis", **limits)
-    plot.set_defaults(module="plot")
 
-    view = commands.add_parser("view", help="open the page of a folder in the browser")
+    view = add(
+        "view",
+        "folders.view",
+        "open the page of a folder in the browser",
+        "contimpact view out/fig7",
+    )
     view.add_argument("folder", metavar="DIR", help="folder written by run or simulate")
-    view.set_defaults(module="view")
 
-    range_ = commands.add_parser("range", help="say which attractors there are, and where they end")
+    range_ = add(
+        "range",
+        "folders.ranges",
+        "say which attractors there are, and where they end",
+        "contimpact range out/fig7 --at 0.3 --at 0.356",
+    )
     range_.add_argument("folder", metavar="DIR", help="folder written by run or simulate")
     range_.add_argument(
         "--at",
@@ -216,9 +284,13 @@ def parser() -> argparse.ArgumentParser:
         help="of the followed parameter: the attractors there, and how far their ends are",
     )
     range_.add_argument("-o", "--output", metavar="FILE", help="file to write as a table (csv)")
-    range_.set_defaults(module="range")
 
-    fit = commands.add_parser("fit", help="estimate parameters from measured impacts")
+    fit = add(
+        "fit",
+        "scenes.fit",
+        "estimate parameters from measured impacts",
+        "contimpact fit branches/fig8/scene.toml impacts.csv --parameter r -o residuals.png",
+    )
     fit.add_argument("scene", metavar="SCENE", help="a scene file (TOML) with starting values")
     fit.add_argument("data", metavar="CSV", help="columns time, velocity, wall, or some of them")
     fit.add_argument(
@@ -234,16 +306,23 @@ def parser() -> argparse.ArgumentParser:
     )
     fit.add_argument("--no-clock", action="store_true", help="times are those of the model's clock")
     fit.add_argument("-o", "--output", metavar="FILE", help="picture of the residuals to write")
-    fit.set_defaults(module="fit")
 
-    design = commands.add_parser("design", help="maximise an output at a margin from bifurcations")
+    design = add(
+        "design",
+        "scenes.design",
+        "maximise an output at a margin from bifurcations",
+        "contimpact design examples/harvester.toml -o design.csv",
+    )
     design.add_argument("scene", metavar="SCENE", help="a scene file (TOML) with [design]")
     design.add_argument("-o", "--output", metavar="FILE", help="file to write as a table (csv)")
-    design.set_defaults(module="design")
 
-    completion = commands.add_parser("completion", help="print the completion of a shell")
+    completion = add(
+        "completion",
+        "completion.command",
+        "print the completion of a shell",
+        'eval "$(contimpact completion bash)"',
+    )
     completion.add_argument("shell", choices=["bash", "zsh", "fish"], help="the shell")
-    completion.set_defaults(module="completion")
     for command in (check, run, simulate, report, plot, range_, fit, design):
         command.add_argument(
             "--system",
@@ -252,4 +331,11 @@ def parser() -> argparse.ArgumentParser:
             default=[],
             help="Python file that defines a system of your own; may be given several times",
         )
-    return add_examples(parser)
+    return parser
+
+
+def commands_of(parser: argparse.ArgumentParser) -> Mapping[str, argparse.ArgumentParser]:
+    """Return the parsers of the commands, by name."""
+    kind = argparse._SubParsersAction
+    (found,) = (action for action in parser._actions if isinstance(action, kind))
+    return found.choices

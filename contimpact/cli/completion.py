@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from . import parser
-from .examples import commands_of
+from . import commands_of, parser
 from .terminal import say
 
 BASH = """\

@@ -8,8 +8,7 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 
-from . import parser
-from .examples import EXAMPLES, commands_of
+from . import commands_of, parser
 
 HEAD = """\
 # Commands
@@ -53,7 +52,8 @@ def manual() -> str:
 def _page(name: str, help: str, command: argparse.ArgumentParser, rows: list[str]) -> str:
     usage = " ".join(["contimpact", name, *map(_usage, command._actions)])
     lines = [f"## {name}", "", f"{help[:1].upper()}{help[1:]}.", "", f"```text\n{usage}\n```", ""]
-    lines += [*rows, "", f"```sh\n{EXAMPLES.get(name, '')}\n```", ""]
+    example = (command.epilog or "").removeprefix("example:\n  ")
+    lines += [*rows, "", f"```sh\n{example}\n```", ""]
     return "\n".join(lines)
 
 

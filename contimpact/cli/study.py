@@ -1,32 +1,44 @@
-"""``contimpact study``: compute the scenes of a study into a store."""
+"""``contimpact study``, ``export``, ``atlas``: compute a study, and write what its store holds."""
 
 from __future__ import annotations
 
 import argparse
+import collections
+from pathlib import Path
+
+import numpy as np
 
 from ..errors import InputError
+from ..models.expressions import number
 from ..segments.compiling import mode
+from ..storage.files import write_text
+from ..storage.texts import csv_text
 from ..studies.executors import Workshop, dask, mpi, processes
 from ..studies.run import Tally, WorkersLostError, duration, run_study
 from ..studies.store import Store
+from ..studies.study import QUANTITIES, Map, Study, studies
 from ..studies.study_file import load_study
 from ..telling import telling
+from .console import require_output
 from .terminal import complain, say
 
+FORMATS = ("png", "svg", "pdf")
+"""Of maps."""
 
-def command(options: argparse.Namespace) -> int:
+
+def study(options: argparse.Namespace) -> int:
     """Compute a study; returns the exit status."""
     mode()  # refused before anything is computed
-    study, workshop = load_study(options.study), _workshop(options)
+    asked, workshop = load_study(options.study), _workshop(options)
 
     def announce(text: str) -> None:
         if not options.quiet:
-            say(f"{study.name}: {text}")
+            say(f"{asked.name}: {text}")
 
     try:
-        with Store(options.output) as store, telling(study.name, options.quiet) as tell:
+        with Store(options.output) as store, telling(asked.name, options.quiet) as tell:
             tally = run_study(
-                study, store, workshop, again=options.again, progress=tell, announce=announce
+                asked, store, workshop, again=options.again, progress=tell, announce=announce
             )
     except WorkersLostError as error:
         complain(error)
@@ -59,3 +71,104 @@ def _summary(tally: Tally, store: str) -> str:
     if tally.limited:
         text += f"; limits cut {tally.limited} short: SELECT * FROM limits"
     return text
+
+
+def export(options: argparse.Namespace) -> int:
+    """Write the tables of a store as files; returns the exit status."""
+    from ..studies.export import export as write_tables
+
+    require_output(options)
+    with telling("export", options.quiet, patient=True) as tell:
+        tell("writing tables")
+        written = write_tables(
+            options.store,
+            options.output,
+            options.format,
+            names=options.study,
+            tables=options.table,
+            columns=options.columns,
+            digits=options.digits,
+        )
+    if not options.quiet:
+        for name, count in written.items():
+            say(f"{name}: {count} rows")
+    return 0
+
+
+def atlas(options: argparse.Namespace) -> int:
+    """Draw maps of the studies in a store over two of their axes; returns the exit status."""
+    require_output(options)
+    given = [_axis_value(text) for text in options.at]
+    at = dict(given)
+    if len(at) < len(given):
+        raise InputError("--at", "two values of one axis", "give one")
+    names = options.study or studies(options.store)
+    folder = Path(options.output)
+    with telling("atlas", options.quiet, patient=True) as tell:
+        for name in names:
+            with Study(options.store, name) as study:
+                if not options.study and len(study.axes) < 2:
+                    continue  # nothing of two axes, and nobody has asked for it
+                for quantity in options.quantity or QUANTITIES:
+                    tell(f"{name}: {quantity}")
+                    shown = study.map(quantity, axes=options.axes, orbit=options.orbit, at=at)
+                    if options.quantity or _is_known(shown).any():
+                        _write_map(shown, study, folder, options)
+    return 0
+
+
+def _axis_value(text: str) -> tuple[str, float]:
+    name, sign, value = text.partition("=")
+    if not sign:
+        raise InputError("--at", f"found {text!r}", "give a value such as A=5")
+    return name.strip(), number(value, "--at")
+
+
+def _is_known(shown: Map) -> np.ndarray:
+    """Where there is a value."""
+    if shown.named:
+        return np.array([value is not None for value in shown.values])
+    return np.isfinite(shown.values)
+
+
+def _write_map(shown: Map, study: Study, folder: Path, options: argparse.Namespace) -> None:
+    from ..plots.maps import file_stem, save_map
+    from ..plots.texts import units_of
+
+    stem = file_stem(shown)
+    rows = zip(shown.x.tolist(), shown.y.tolist(), shown.values.tolist(), strict=True)
+    write_text(folder / f"{stem}.csv", csv_text([*shown.axes, shown.quantity], rows))
+    formats = tuple(options.format or FORMATS[:1])
+    if not options.no_plot:
+        save_map(shown, folder, formats, units_of(study.given["model"]["system"]))
+    if not options.quiet:
+        say(f"{shown.study}: {shown.text}: {_describe(shown)}")
+        for line in _compare_zeros(shown):
+            say(f"  {line}")
+
+
+def _describe(shown: Map) -> str:
+    known = _is_known(shown)
+    if not known.any():
+        return "no values"
+    if shown.named:
+        counts = collections.Counter(str(v) for v in shown.values[known])
+        return ", ".join(f"{name} {count}" for name, count in counts.most_common())
+    low, high = shown.values[known].min(), shown.values[known].max()
+    return f"{low:.6g} to {high:.6g} in {known.sum()} of {len(known)} scenes"
+
+
+def _compare_zeros(shown: Map) -> list[str]:
+    """How far the map's zeros are from curves of codimension two."""
+    if shown.named or shown.grid() is None or not len(shown.zeros()):
+        return []
+    y = shown.axes[1]
+    known = {kind: shown.departure(kind) for kind in shown.curves}
+    return [
+        f"changes its sign at {len(shown.zeros())} places along {y}",
+        *(
+            f"at most {far:.2g} in {y} from {kind} computed directly"
+            for kind, far in known.items()
+            if far is not None
+        ),
+    ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import shlex
 import shutil
 import subprocess
@@ -9,9 +10,8 @@ import subprocess
 import pytest
 from zoo import ROOT
 
-from contimpact.cli import main, parser
+from contimpact.cli import commands_of, main, parser
 from contimpact.cli.completion import script
-from contimpact.cli.examples import EXAMPLES, commands_of
 from contimpact.cli.manual import manual
 
 COMMANDS = list(commands_of(parser()))
@@ -27,11 +27,14 @@ def test_help_ends_with_an_example_that_can_be_read(name, capsys):
     with pytest.raises(SystemExit) as end:
         main([name, "--help"])
     assert end.value.code == 0
-    assert capsys.readouterr().out.endswith(f"example:\n  {EXAMPLES[name]}\n")
-    if name != "completion":
-        words = shlex.split(EXAMPLES[name])
-        assert words[:2] == ["contimpact", name]
-        assert parser().parse_args(words[1:]).module
+    _, _, example = capsys.readouterr().out.rpartition("\nexample:\n  ")
+    if name == "completion":
+        assert example == 'eval "$(contimpact completion bash)"\n'
+        return
+    words = shlex.split(example)
+    assert words[:2] == ["contimpact", name]
+    module, _, function = parser().parse_args(words[1:]).function.partition(".")
+    assert callable(getattr(importlib.import_module(f"contimpact.cli.{module}"), function))
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -18,7 +18,7 @@ from zoo import SMALL
 
 from contimpact import load_diagram
 from contimpact import telling as progress
-from contimpact.cli import main, plot
+from contimpact.cli import folders, main
 from contimpact.results.result_folder import MARK
 from contimpact.telling import Teller, telling
 
@@ -431,7 +431,7 @@ def test_drawing_a_folder_tells_what_it_does(tmp_path, monkeypatch):
         assert (name, patient) == ("out", True)
         yield told.append
 
-    monkeypatch.setattr(plot, "telling", collecting)
+    monkeypatch.setattr(folders, "telling", collecting)
     assert main(["plot", str(out), "--html"]) == 0
     branches = len(json.loads((out / "catalogue.json").read_text(encoding="utf-8"))["branches"])
     names = [f"drawing the orbits of b{k}, {k} of {branches}" for k in range(1, branches + 1)]

@@ -1,10 +1,12 @@
-"""``contimpact plot``: draw the diagram of a folder written by run, as a picture or as the page."""
+"""What is done with folders of results: ``contimpact plot``, ``view``, ``range``, ``catalogue``."""
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
+import webbrowser
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,12 +19,12 @@ from ..results.diagram import Diagram
 from ..results.diagram_reading import sentence_of
 from ..results.fractions import read_fractions
 from ..results.options import FORMATS, PlotOptions
-from ..results.result_folder import kept_still, reading
+from ..results.result_folder import hold_folder, kept_still, reading
 from ..results.scene import Scene, systems_of
-from ..storage.files import is_there
+from ..storage.files import is_there, write_all
 from ..telling import telling
-from .console import motions_in
-from .terminal import say
+from .console import motions_in, require_output
+from .terminal import complain, say
 
 if TYPE_CHECKING:
     from ..systems.membrane import Membrane
@@ -31,8 +33,8 @@ VELOCITY = "velocity"
 """The quantity that attractors are drawn with."""
 
 
-def command(options: argparse.Namespace) -> int:
-    """Draw a diagram again; returns the exit status."""
+def plot(options: argparse.Namespace) -> int:
+    """Draw the diagram of a folder again, as a picture or as the page; returns the exit status."""
     if options.output == "":
         raise InputError("-o", "empty", "give a file such as diagram.svg")
     folder = Path(options.folder)
@@ -48,6 +50,57 @@ def command(options: argparse.Namespace) -> int:
         else:
             _draw(folder, target, kind, options, tell)
     say(f"written to {target}")
+    return 0
+
+
+def view(options: argparse.Namespace) -> int:
+    """Write the page of a folder anew and open it; returns the exit status.
+
+    A page that is there already is not opened: in a folder of somebody else it may be anything.
+    """
+    target = Path(options.folder) / "diagram.html"
+    with kept_still(target.parent), telling(target.parent.name, patient=True) as tell:
+        tell("reading")
+        draw_page(target.parent, target, None, tell)
+    say(f"written to {target}")
+    if webbrowser.open(target.resolve().as_uri()):
+        return 0
+    complain(f"no browser could be started; open {target} in one")
+    return 1
+
+
+def ranges(options: argparse.Namespace) -> int:
+    """Print the attractors along the parameter, or at some values; returns the exit status."""
+    from ..diagrams.ranges import load_ranges, ranges_text
+
+    folder, systems = Path(options.folder), systems_of(options.system)
+    with kept_still(folder), telling(folder.name, patient=True) as tell:
+        tell("reading")
+        alone = is_there(folder / "sweep.csv") and not is_there(folder / "catalogue.json")
+        found = load_ranges(folder, scene_in(folder, systems).model if alone else None)
+    for value in options.at:
+        say(found.describe(value))
+    if not options.at:
+        say(repr(found))
+    if options.output:
+        target = Path(options.output)
+        write_all(target.parent, {target.name: partial(ranges_text, found)})
+        say(f"written to {target}")
+    return 0
+
+
+def catalogue(options: argparse.Namespace) -> int:
+    """Merge the catalogues of several folders; returns the exit status."""
+    from ..results.formats import FILES, merge, write_merged
+
+    require_output(options)
+    with telling("catalogue", patient=True) as tell:
+        tell("reading")
+        merged = merge(options.folders)
+    with hold_folder(options.output, FILES) as folder:
+        files = write_merged(merged, folder)
+    count, scenes = len(merged["entries"]), len(merged["sources"])
+    say(f"{count} entries of {scenes} scenes written to {folder}: {', '.join(files)}")
     return 0
 
 
