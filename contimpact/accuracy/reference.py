@@ -55,15 +55,9 @@ class Exact:
 
 
 class Reference(Equations):
-    """The orbit problem of a word, and the systems of its events, in many digits.
-
-    Parameters
-    ----------
-    problem : OrbitProblem
-        Gives the word, the parameters' doubles and the kernels.
-    digits : int
-        Digits to reach; the arithmetic carries some more.
-    """
+    """The orbit problem of a word, and the systems of its events, in many digits; the arithmetic
+    carries some more than it is to reach. `problem` gives the word, the parameters' doubles and the
+    kernels."""
 
     def __init__(self, problem: OrbitProblem, digits: int = 30) -> None:
         self.digits = digits
@@ -74,18 +68,8 @@ class Reference(Equations):
     # Solutions.
 
     def orbit(self, unknowns: Array, held: int = -1) -> Exact | None:
-        """Return the orbit next to a point that shares one of its unknowns.
-
-        Parameters
-        ----------
-        held : int
-            Which unknown; by default the free parameter.
-
-        Returns
-        -------
-        Exact or None
-            None where the iteration does not converge.
-        """
+        """Return the orbit next to a point that shares one of its unknowns, `held`, by default the
+        free parameter; None where the iteration does not converge."""
         point = [float(u) for u in unknowns]
         row = np.zeros(len(point))
         row[held] = 1.0
@@ -96,15 +80,9 @@ class Reference(Equations):
     def event(
         self, kind: str, unknowns: Array, details: Mapping[str, Any] | None = None
     ) -> Exact | None:
-        """Return the event of a kind next to a point.
+        """Return the event of a kind next to a point; `details` are those of `Event.details`.
 
         None where the iteration does not converge, and for a kind without such equations.
-
-        Parameters
-        ----------
-        details : mapping, optional
-            As `Event.details` has them: for G ``flight``, ``wall`` and ``touch_time``, for V
-            ``impact``, for T ``flight``, for UZ ``requested``.
         """
         given = np.asarray(unknowns, dtype=float)
         equations = kind_of(kind).in_many_digits(self, given, details or {})

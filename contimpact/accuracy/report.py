@@ -233,22 +233,11 @@ POINTS = 400
 def report(
     scene: Scene, repetitions: int = 5, progress: Callable[[str], None] | None = None
 ) -> dict[str, Any]:
-    """Measure error against run time for a scene.
+    """Measure error against run time for a scene, each timing repeated; returns plain data, as
+    written to ``report.json``.
 
     Raises InputError if the scene's first orbit with impacts does not exist at its start, it has
     none, or `repetitions` is below 1.
-
-    Parameters
-    ----------
-    repetitions : int
-        How often each timing is repeated.
-    progress : callable, optional
-        Called with a line of text now and then.
-
-    Returns
-    -------
-    dict
-        Plain data, as written to ``report.json``.
     """
     if repetitions < 1:
         raise InputError("repetitions", f"found {repetitions!r}", "give a whole number >= 1")

@@ -73,24 +73,12 @@ class _BudgetSpent(Exception):
 
 
 class Shooting:
-    """The return map of a word, by numerical integration.
+    """The return map of a word of one degree of freedom, by numerical integration with a tolerance,
+    relative and absolute, by the method ``DOP853`` or ``Radau``.
 
-    Parameters
-    ----------
-    problem : OrbitProblem
-        Of a system with one degree of freedom.
-    tolerance : float
-        Relative and absolute tolerance of the integrator.
-    method : {"DOP853", "Radau"}
-    budget : float
-        Evaluations of the equations of motion, all in all, after which nothing is integrated.
-
-    Attributes
-    ----------
-    evaluations : int
-        Evaluations of the equations of motion so far.
-    given_up : bool
-        Whether a flight has been given up, so that nothing is known of its end.
+    After `budget` evaluations of the equations of motion in all, nothing is integrated.
+    `evaluations` counts them; `given_up` says whether a flight has been given up, so that nothing
+    is known of its end.
     """
 
     def __init__(

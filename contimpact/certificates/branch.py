@@ -137,18 +137,9 @@ def certify_branch(
 ) -> BranchCertificate:
     """Prove that a branch is one smooth curve on which every event is recorded.
 
-    Parameters
-    ----------
-    entries : sequence of Entry
-        Its events, and perhaps those of other branches, which may cross it.
-    certificates : mapping of str to EventCertificate
-        Their certificates, by name.
-    kinds : sequence of str
-        Kinds of events that it was searched for.
-    model : Model, optional
-        The system, where its name does not tell.
-    seconds : float
-        Processor time that it may take; what is left then is unproven.
+    `entries` are its events, and perhaps those of other branches, which may cross it;
+    `certificates` are theirs, by name, and `kinds` those of events that it was searched for. What
+    is left after `seconds` of processor time is unproven.
     """
     began, budget = time.perf_counter(), Budget(seconds)
     with _branch_precision():

@@ -151,15 +151,9 @@ def _add_radius(entry: Mapping[str, Any], radius: float | None) -> dict[str, Any
 
 
 class CertificateLog:
-    """Certificates kept as they are found, to go on from after an interruption.
-
-    Parameters
-    ----------
-    path : Path, optional
-        Of the file, one line for each certificate. Without it nothing is kept.
-    key : str
-        What they belong to: the first line holds it, and rows of another one are not used.
-    """
+    """Certificates kept as they are found, to go on from after an interruption: one line for each
+    in a file, if a path is given. The first line holds the key to which they belong; rows of
+    another one are not used."""
 
     def __init__(self, path: Path | None, key: str) -> None:
         self.path = path

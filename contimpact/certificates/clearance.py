@@ -127,12 +127,8 @@ def open_cells(
 ) -> Iterator[tuple[Any, Any]]:
     """Yield the cells of a range on which nothing is decided, those further left first.
 
-    Parameters
-    ----------
-    judge : callable ``judge(left, right) -> bool or None``
-        Whether a cell is decided; None for one that is not, and need not be cut.
-    deepest : int
-        How often a cell is cut at most.
+    ``judge(left, right)`` says whether a cell is decided; None for one that is not, and need not be
+    cut. A cell is cut `deepest` times at most.
     """
     cells = [(*whole, 0)]
     while cells:
@@ -170,21 +166,12 @@ BEFORE = 0.43
 
 
 class Gap:
-    """The gap to a wall along a flight, or through all periods of an orbit without impacts.
+    """The gap to a wall along a flight of the orbit `z`, or through all periods of an orbit without
+    impacts.
 
-    Parameters
-    ----------
-    space : BallProblem
-    z : list of arb
-        The orbit.
-    flight : int
-    wall : str
-        One that the flight can meet.
-    touch : arb, optional
-        When the flight touches the wall, its event.
-    beside : (bool, bool)
-        Whether the flight is at the wall when it leaves, and when it ends, because a flight of no
-        duration comes before it, or after it.
+    `touch` is when the flight touches the wall, its event. `beside` says whether the flight is at
+    the wall when it leaves, and when it ends, because a flight of no duration comes before it, or
+    after it.
     """
 
     def __init__(

@@ -25,15 +25,8 @@ Balls: TypeAlias = list[Any]
 
 
 class BallProblem(Equations):
-    """The orbit problem of a word, and the systems of its events, in balls.
-
-    Parameters
-    ----------
-    problem : OrbitProblem
-        Gives the word, the parameters' doubles and the kernels.
-    bits : int
-        Precision of the constants; numbers have that of Arb's context.
-    """
+    """The orbit problem of a word, and the systems of its events, in balls. `bits` is the precision
+    of the constants; numbers have that of Arb's context."""
 
     def __init__(self, problem: OrbitProblem, bits: int) -> None:
         super().__init__(problem, balls(bits))
@@ -153,13 +146,8 @@ def to_doubles(matrix: Any) -> Any:
 
 
 def krawczyk(space: BallProblem, system: Function, box: Balls, inverse: Any = None) -> Balls | None:
-    """Return K for a box, if the test proves exactly one zero in it, else None.
-
-    Parameters
-    ----------
-    inverse : arb_mat, optional
-        Y, any exact matrix; by default the inverse of the Jacobian at the midpoint, in doubles.
-    """
+    """Return K for a box, if the test proves exactly one zero in it, else None; `inverse` is Y, any
+    exact matrix, by default the inverse of the Jacobian at the midpoint, in doubles."""
     middle = [value.mid() for value in box]
     inverse = preconditioner(space, system, middle) if inverse is None else inverse
     if inverse is None:
@@ -229,13 +217,8 @@ def _smallest(space: BallProblem, system: Function, x: Balls, inverse: Any) -> B
 
 
 def crosses(space: BallProblem, box: Balls, inner: Balls) -> bool:
-    """Return whether nu is proven to be zero.
-
-    Parameters
-    ----------
-    box, inner : list of arb
-        Where the branch point's equations have one solution, and where that lies.
-    """
+    """Return whether nu is proven to be zero, from the box where the branch point's equations have
+    one solution, and the inner one where that lies."""
     return any(
         all(b.contains(x) for b, x in zip(box, image, strict=True))
         for image in _images(space, box, inner)

@@ -34,13 +34,8 @@ from .orbit import Orbit, stops_at_once
 
 
 def resting_impacts(space: BallProblem, box: Balls, inner: Balls) -> list[int]:
-    """Return the impacts of a grazing orbit that are proven to be at rest.
-
-    Parameters
-    ----------
-    box, inner : list of arb
-        Where the grazing is the only one, and where it lies.
-    """
+    """Return the impacts of a grazing orbit that are proven to be at rest, from the box where the
+    grazing is the only one, and the inner one where it lies."""
     m, count = space.problem.m, len(space.problem.word)
     if not count or len(inner) == space.problem.n + 1:
         return []
@@ -179,17 +174,8 @@ class RejectedError(Exception):
 def certify_entry(
     entry: Entry, problem: Problem | None = None, bits: int = 128, most: int = 512
 ) -> EventCertificate:
-    """Prove an entry of a catalogue.
-
-    Parameters
-    ----------
-    problem : callable, optional
-        Returns the entry's problem; by default that of the system the entry names.
-    bits : int
-        Precision to begin with; it is doubled where a proof fails.
-    most : int
-        Largest precision.
-    """
+    """Prove an entry of a catalogue, of the problem that is returned, by default that of the system
+    it names. The precision begins with `bits` and is doubled where a proof fails, to `most`."""
     return _attempt(entry, problem, bits, most, _isolate_zero)
 
 

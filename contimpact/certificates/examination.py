@@ -121,17 +121,8 @@ def _piece(segment: Segment, what: str) -> Piece:
 
 
 class Examination:
-    """What the tubes of a branch are searched for.
-
-    Parameters
-    ----------
-    problem : OrbitProblem
-    kinds : sequence of str
-        Those that a tube can be searched for; others are passed over.
-    known : sequence of Known
-    budget : Budget, optional
-        Tubes are not cut any more when it is spent.
-    """
+    """What the tubes of a branch are searched for: the kinds that a tube can be searched for, and
+    what is known. When the budget is spent, tubes are not cut any more."""
 
     def __init__(
         self,

@@ -39,13 +39,7 @@ from .equations import BallProblem, Balls, Flight
 
 
 class Budget:
-    """Seconds of processor time from now on: another load of the machine proves the same.
-
-    Parameters
-    ----------
-    seconds : float
-        Infinitely many unless set.
-    """
+    """Seconds of processor time from now on: another load of the machine proves the same."""
 
     def __init__(self, seconds: float = math.inf) -> None:
         self.seconds, self._began = seconds, time.process_time()
@@ -249,13 +243,8 @@ def coefficient(number: Any, j: int) -> Any:
 
 
 def prove_tube(segment: Segment, box: Array | None = None) -> Tube | None:
-    """Return the tube around a segment; None where the test fails.
-
-    Parameters
-    ----------
-    box : ndarray, optional
-        W; by default it is chosen.
-    """
+    """Return the tube around a segment, None where the test fails; `box` is W, which is chosen by
+    default."""
     try:
         return _Test(segment).tube(box)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):

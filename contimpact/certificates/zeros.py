@@ -222,14 +222,8 @@ class FlightCoordinate:
         )
 
     def patches(self, known: Sequence[tuple[str, float, float]]) -> Iterator[Patch]:
-        """Yield the cells that may hold touches.
-
-        Parameters
-        ----------
-        known : sequence of (wall, u, s)
-            Touches that are known. Around each a cell is taken first, as large as it can be and
-            hold no other.
-        """
+        """Yield the cells that may hold touches. Around each touch that is known, by (wall, u, s),
+        a cell is taken first, as large as it can be and hold no other."""
         cells = [((-1.0, 1.0), (0.0, 1.0), 0)]
         taken = [patch for one in known if (patch := self._around(*one)) is not None]
         yield from taken

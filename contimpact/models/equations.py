@@ -106,16 +106,11 @@ def departure(
     velocity: Sequence[Expr],
     where: str,
 ) -> Departure:
-    """Return the flight from a state in a mode, in all coordinates of the system.
+    """Return the flight from a state in a mode, in all coordinates of the system; see
+    `Mode.orders`.
 
+    The state has positions of the mode's coordinates, and velocities of those of second order.
     Coordinates that the mode does not have are at rest at zero.
-
-    Parameters
-    ----------
-    orders : sequence of int
-        Of all coordinates in the mode; see `Mode.orders`.
-    position, velocity : sequence
-        Of the coordinates that it has; velocities of those of second order.
     """
     present = [order for order in orders if order]
     size, second = len(present), [i for i, order in enumerate(present) if order == 2]
@@ -191,13 +186,8 @@ def state_after(
     where: str,
     orders: tuple[Sequence[int], Sequence[int]] | None = None,
 ) -> tuple[Sequence[Expr], Sequence[Expr]]:
-    """Return positions and velocities after an impact, those that are the state of the next mode.
-
-    Parameters
-    ----------
-    orders : (before, after), optional
-        Of all coordinates in both modes, where they are not all of second order.
-    """
+    """Return positions and velocities after an impact, those that are the state of the next mode;
+    orders are those of all coordinates in both modes, where they are not all of second order."""
     before, after = orders or ((2,) * len(position),) * 2
     present = [order for order in after if order]
     sizes = len(present), present.count(2)

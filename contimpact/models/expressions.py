@@ -128,13 +128,8 @@ class Extent:
     __radd__, __rmul__ = __add__, __mul__
 
     def of(self, function: str, growing: bool = False) -> Extent:
-        """Return the extent of an elementary function of it.
-
-        Parameters
-        ----------
-        growing : bool
-            Whether it may grow beyond all doubles.
-        """
+        """Return the extent of an elementary function of it, which may be growing beyond all
+        doubles."""
         if self.depth >= DEEPEST:
             raise UnboundedError(f"functions of functions more than {DEEPEST} deep")
         most = self.high if function == "exp" else self.size
@@ -199,18 +194,10 @@ _UNARY: dict[type, Callable[[Any], Any]] = {ast.UAdd: operator.pos, ast.USub: op
 
 
 def number(text: str, where: str, values: Mapping[str, float] | None = None) -> float:
-    """Evaluate an arithmetic expression such as ``"pi/6"``.
+    """Evaluate an arithmetic expression such as ``"pi/6"``, of `FUNCTIONS`, `CONSTANTS` and the
+    names that have values; errors name the place `where`.
 
     Raises InputError if the text is not such an expression or its value is not finite.
-
-    Parameters
-    ----------
-    text : str
-        The expression; `FUNCTIONS` and `CONSTANTS` may appear in it.
-    where : str
-        The place named in an error.
-    values : mapping of str to float, optional
-        Further names that may stand in it.
     """
     names = {name: getattr(math, name) for name in (*FUNCTIONS, *CONSTANTS)} | dict(values or {})
     try:
@@ -229,25 +216,14 @@ def number(text: str, where: str, values: Mapping[str, float] | None = None) -> 
 def check_expression(
     text: str, where: str, variables: Sequence[str], growing: bool = False
 ) -> float:
-    """Check what can be checked of an expression without SymPy: syntax, names, finite constants.
+    """Check what can be checked of an expression of variables, `FUNCTIONS` and `CONSTANTS` without
+    SymPy: syntax, names, finite constants. Returns about how many terms arise when it is expanded.
 
-    Raises InputError if anything else stands in it, if a part without variables has no finite real
-    value, or if exponents, functions of functions or arguments of exp() have no bound.
+    Where it may be `growing`, exp(), sinh() and cosh() may be of anything; else they have to stay
+    finite whatever the variables.
 
-    Parameters
-    ----------
-    text : str
-        The expression, in the names of `variables`, `FUNCTIONS` and `CONSTANTS`.
-    where : str
-        The place named in an error.
-    growing : bool
-        Whether exp(), sinh() and cosh() may be of anything; else they have to stay finite whatever
-        the variables.
-
-    Returns
-    -------
-    float
-        About how many terms arise when it is expanded; see `contimpact.models.expressions`.
+    Raises InputError, naming `where`, if anything else is in it, if a part without variables has no
+    finite real value, or if exponents, functions of functions or arguments of exp() have no bound.
     """
     functions = {name: _extent_function(name, growing) for name in FUNCTIONS}
     constants = {name: getattr(math, name) for name in CONSTANTS}
@@ -272,14 +248,10 @@ def values_of(
     variables: Mapping[str, Any],
     functions: Mapping[str, Callable[..., Any]] | None = None,
 ) -> Any:
-    """Evaluate an expression on arrays, given for its variables; SymPy is not needed.
+    """Evaluate an expression on arrays, given for its variables, or on other numbers, whose
+    `functions` are given; SymPy is not needed.
 
-    Raises InputError if anything stands in it that `check_expression` refuses.
-
-    Parameters
-    ----------
-    functions : mapping, optional
-        `FUNCTIONS` of other numbers than arrays.
+    Raises InputError if anything is in it that `check_expression` refuses.
     """
     import numpy as np
 
@@ -291,18 +263,10 @@ def values_of(
 
 
 def sympy_expression(text: str, where: str, symbols: Mapping[str, Any]) -> Any:
-    """Build the SymPy expression a text stands for; numbers in it are doubles, exactly.
+    """Build the SymPy expression of a text in the names of `symbols`, `FUNCTIONS` and `CONSTANTS`;
+    numbers in it are doubles, exactly.
 
-    Raises InputError if anything else stands in it.
-
-    Parameters
-    ----------
-    text : str
-        The expression, in the names of `symbols`, `FUNCTIONS` and `CONSTANTS`.
-    where : str
-        The place named in an error.
-    symbols : mapping of str to sympy.Symbol
-        The names that may stand in it.
+    Raises InputError, naming `where`, if anything else is in it.
     """
     import sympy
 

@@ -31,19 +31,12 @@ Rates = Callable[[Any, Sequence[Any]], Sequence[Any]]
 
 
 class Filippov:
-    """The formulas of a system of `switching_modes` and `switching_guards`.
+    """The formulas of a system of `switching_modes` and `switching_guards`, from its period and the
+    vector fields ``(t, x) -> [f_0, f_1, ...]`` where h < 0 and where h > 0, of that period in t.
+    The surface, at `level`, has the factors `normal` of the coordinates.
 
     Raises InputError where the fields move h by rates whose difference vanishes or depends on the
     time.
-
-    Parameters
-    ----------
-    below, above : callable ``(t, x) -> [f_0, f_1, ...]``
-        The vector fields where h < 0 and where h > 0, of the system's period in t.
-    normal : sequence of numbers
-        The factors of the coordinates in the surface.
-    level : sympy.Expr
-    period : sympy.Expr
     """
 
     def __init__(

@@ -31,17 +31,8 @@ def pivot(row: Sequence[Any]) -> int:
 def state_before(
     row: Sequence[Any], position: Any, section: Sequence[Any]
 ) -> tuple[list[Any], list[Any]]:
-    """Return positions and velocities before an impact.
-
-    Parameters
-    ----------
-    row : sequence
-        Factors of the coordinates in the gap coordinate.
-    position : number or sympy.Expr
-        Of the guard's surface.
-    section : sequence
-        Section coordinates.
-    """
+    """Return positions and velocities before an impact, from the factors of the coordinates in the
+    gap coordinate, the position of the guard's surface, and the section coordinates."""
     place = pivot(row)
     found = []
     for level, others in ((position, section[1::2]), (section[0], section[2::2])):
@@ -169,22 +160,9 @@ def reachable_letters(guards: Sequence[Guard], mode: str) -> str:
 
 
 def way_back(guards: Sequence[Guard], letter: str, mode: str, there: str) -> str | None:
-    """Return the shortest way from a guard back to a mode, its own letter first.
-
-    Parameters
-    ----------
-    letter : str
-        The guard touched.
-    mode : str
-        The mode in which it is.
-    there : str
-        The letters of the guards on the same surface, those that the way may go through.
-
-    Returns
-    -------
-    str or None
-        None if there is no way back through these.
-    """
+    """Return the shortest way from a guard that is touched in a mode back to that mode, its own
+    letter first, through the letters `there` of the guards on the same surface; None without
+    one."""
     after = {guard.name: guard.next_mode for guard in guards}
     ways = [letter]
     for way in ways:  # grows while it is gone through

@@ -204,13 +204,8 @@ Rows: TypeAlias = tuple[list[list[Expr]], dict[int, list[tuple[Expr, Expr]]]]
 def rows_of(
     accelerations: Sequence[Expr], state: Sequence[Expr], t: Expr, period: Expr
 ) -> Rows | None:
-    """Return the rows of a linear law from accelerations; None where they are not linear.
-
-    Parameters
-    ----------
-    accelerations : sequence of sympy.Expr
-        In the positions and velocities of `state` and in the time t.
-    """
+    """Return the rows of a linear law from accelerations in the positions and velocities of `state`
+    and in the time t; None where they are not linear."""
     factors = [[sympy.diff(e, x) for x in state] for e in accelerations]
     if any(e.has(t, *state) for row in factors for e in row):
         return None

@@ -58,15 +58,8 @@ class MachineTable(Protocol):
 
 
 def check_period(stated: MachineTable, values: Mapping[str, float]) -> None:
-    """Refuse a period of the forcing that is none, where a system is stated.
-
-    Branches may lead to where there is none, and end on the way.
-
-    Raises
-    ------
-    InputError
-        With the place in the scene's table.
-    """
+    """Refuse a period of the forcing that is none, where a system is stated: InputError has the
+    place in the scene's table. Branches may lead to where there is none, and end on the way."""
     period = number(stated.period, "period", values)
     if not period > 0.0:
         raise InputError("period", f"it is {period:.6g}", "give the period of the forcing, above 0")
@@ -268,20 +261,9 @@ def machine_of(text: str) -> Machine:
 
 
 def machine_of_table(given: Mapping[str, Any], parameters: Sequence[str]) -> Machine:
-    """Return the machine of a scene's table.
+    """Return the machine of a scene's table, in the parameters that have a value.
 
-    Parameters
-    ----------
-    given : mapping
-        ``coordinates``, ``mass``, ``damping``, ``stiffness``, ``force``, ``period`` and ``guards``,
-        as lists, numbers and texts.
-    parameters : sequence of str
-        The names that have a value.
-
-    Raises
-    ------
-    InputError
-        With the place in the table.
+    Raises InputError with the place in the table.
     """
     names = _coordinates(given["coordinates"], parameters)
     matrices = {name: _matrix(given[name], len(names), name) for name in MATRICES}
@@ -297,12 +279,7 @@ def machine_of_table(given: Mapping[str, Any], parameters: Sequence[str]) -> Mac
 
 def check_use(parameters: Sequence[str], expressions: Sequence[str]) -> None:
     """Refuse a parameter in none of the expressions: it may be one with its name misspelt.
-
-    Raises
-    ------
-    InputError
-        With the place in the scene's table.
-    """
+    InputError has the place in the scene's table."""
     used = {name for text in expressions for name in names_in(text)}
     for name in parameters:
         if name not in used:
@@ -429,15 +406,11 @@ def _check(machine: Machine) -> None:
 
 
 def check_values(machine: Machine, values: Mapping[str, float]) -> None:
-    """Refuse parameter values for which a machine has no motion, or an impact none.
+    """Refuse parameter values for which a machine has no motion, or an impact none: InputError has
+    the place in the scene's table.
 
     Impacts push along the guards through the mass matrix, which is that of the kinetic energy:
     symmetric and positive definite.
-
-    Raises
-    ------
-    InputError
-        With the place in the scene's table.
     """
     mass = [
         [number(e, f"mass[{i}][{j}]", values) for j, e in enumerate(row)]
@@ -473,15 +446,8 @@ def _check_mass(mass: list[list[float]]) -> None:
 
 
 class StatedSystem(Model):
-    """A system by the text of its statement, which the class of an instance has read.
-
-    Parameters
-    ----------
-    machine : str
-        The text.
-    **parameters : float
-        A value for each parameter of it.
-    """
+    """A system by the text of its statement, `machine`, which the class of an instance has read,
+    and a value for each parameter of it."""
 
     PARAMETERS = ()
     STATED = True

@@ -28,13 +28,8 @@ from .sources import identity
 
 
 def check_modes(kind: Any, where: str) -> None:
-    """Check `DEGREES_OF_FREEDOM`, `MODES` and `WALLS` of a system's class.
-
-    Raises
-    ------
-    InputError
-        Naming the attribute.
-    """
+    """Check `DEGREES_OF_FREEDOM`, `MODES` and `WALLS` of a system's class; InputError names the
+    attribute."""
     size = kind.DEGREES_OF_FREEDOM
     if not _is_count(size):
         found = f"found {short_repr(size)}"
@@ -185,12 +180,7 @@ NUMBERED = re.compile(
 
 def check_class(kind: Any) -> None:
     """Check the class attributes of a `Model`; those that are not there yet are left out.
-
-    Raises
-    ------
-    InputError
-        Naming the attribute.
-    """
+    InputError names the attribute."""
     where = kind.__name__
     check_modes(kind, where)
     parameters = getattr(kind, "PARAMETERS", ())
@@ -260,18 +250,8 @@ def own_names(
     texts: Sequence[str], known: Collection[str], taken: Collection[str], given: Collection[str]
 ) -> list[str]:
     """Return the names in expressions that are given values, in the order of their appearance.
-
-    Parameters
-    ----------
-    texts : sequence of str
-        The expressions.
-    known : collection of str
-        Names that stand for something else: variables, and the parameters that a system declares.
-    taken : collection of str
-        Names that they must not have.
-    given : collection of str
-        Names that are given values.
-    """
+    Those that are `known` mean something else: variables, and the parameters that a system
+    declares. Names must not be among those `taken`."""
     known = {*known, *FUNCTIONS, *CONSTANTS}
     names = dict.fromkeys(name for text in texts for name in names_in(text))
     own = [name for name in names if name in given and name not in known]
@@ -297,17 +277,8 @@ def check_with_own(
 
 
 def mean_depends(text: str, own: Mapping[str, float], parameter: str, period: float) -> bool:
-    """Return whether the mean of a sum of harmonics in ``t`` depends on a parameter in it.
-
-    Parameters
-    ----------
-    text : str
-    own : mapping of str to float
-        Values of the parameters in it.
-    parameter : str
-        One of them.
-    period : float
-    """
+    """Return whether the mean of a sum of harmonics in ``t`` depends on a parameter in it; `own`
+    are the values of all of these."""
     import numpy as np
 
     t = period * np.arange(SAMPLES) / SAMPLES

@@ -215,19 +215,9 @@ def _pairs(given: Any) -> Texts:
 
 
 def modes_of_table(given: Mapping[str, Any], parameters: Sequence[str]) -> StatedModes:
-    """Return the system of a scene's table.
+    """Return the system of a scene's table, in the parameters that have a value.
 
-    Parameters
-    ----------
-    given : mapping
-        ``modes``, ``guards``, ``define``, ``mass`` and ``period``, as tables, numbers and texts.
-    parameters : sequence of str
-        The names that have a value.
-
-    Raises
-    ------
-    InputError
-        With the place in the table.
+    Raises InputError with the place in the table.
     """
     definitions = _texts(given["define"], "define")
     _check_names([*parameters], "parameters", (*FUNCTIONS, *CONSTANTS, TIME))

@@ -16,13 +16,7 @@ def switching_modes(size: int) -> tuple[Mode, ...]:
 
 def switching_guards(coordinate: int) -> tuple[Guard, ...]:
     """Return the guards: S and B lead to sliding, from below and above, P and A back to these, C
-    and D through the surface.
-
-    Parameters
-    ----------
-    coordinate : int
-        The one with the largest factor in the surface, the first of these.
-    """
+    and D through the surface. The coordinate is the one with the largest factor in the surface."""
 
     def guard(name: str, side: int, mode: str, to: str, past: str = "") -> Guard:
         return Guard(name, side=side, mode=mode, to=to, coordinate=coordinate, past=past)

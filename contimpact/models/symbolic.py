@@ -154,29 +154,14 @@ def driven_oscillator(
 def fourier_series(
     text: str, where: str, period: sympy.Expr, parameters: Mapping[str, Expr] | None = None
 ) -> tuple[Expr, list[tuple[int, Expr, Expr]]]:
-    """Expand a periodic function of ``t`` into a finite sum of harmonics.
+    """Expand a periodic function of ``t`` into a finite sum of harmonics: the mean and (k, a_k,
+    b_k) of f(t) = mean + sum of a_k cos(2 pi k t/period) + b_k sin(2 pi k t/period).
 
     Sums and products of sines and cosines are expanded exactly, unless that makes more than about
-    `MOST_TERMS` terms. Any other smooth function is sampled; its series must have died out to
-    rounding within `MOST_HARMONICS` terms.
+    `MOST_TERMS` terms; only they may have parameters in them. Any other smooth function is sampled;
+    its series must have died out to rounding within `MOST_HARMONICS` terms.
 
     Raises InputError if the text cannot be read, is not periodic, not finite or not smooth enough.
-
-    Parameters
-    ----------
-    text : str
-        The function, an expression in ``t``.
-    where : str
-        The place named in an error.
-    period : sympy.Expr
-        Its period.
-    parameters : mapping of str to sympy.Symbol, optional
-        Parameters that stand in it; it has to be a sum or product of sines and cosines then.
-
-    Returns
-    -------
-    mean, [(k, a_k, b_k), ...]
-        f(t) = mean + sum of a_k cos(2 pi k t/period) + b_k sin(2 pi k t/period).
     """
     coefficients = None
     symbols = dict(parameters or {})

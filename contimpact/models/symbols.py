@@ -35,12 +35,7 @@ ROUNDING = 2.0**-48
 
 
 class Double(sympy.AtomicExpr):
-    """A positive double, known to SymPy as a constant with a value, such as pi.
-
-    Attributes
-    ----------
-    value : float
-    """
+    """A positive double, known to SymPy as a constant with a value, such as pi."""
 
     __slots__ = ("value",)
     is_number = True

@@ -70,17 +70,11 @@ LOOPS = 160
 def motion(
     simulator: Simulator, attractor: Attractor, periods: int = 0, last: int = SHOWN
 ) -> tuple[Any, Any, Any, Any]:
-    """Return times, positions, velocities of a motion, and the rows of its touches.
+    """Return times (n,), positions and velocities (n, coordinates; those of `coordinates_of`) of a
+    motion, and its touches: (time, wall, velocity).
 
     A periodic motion is closed, and repeated if `periods` is more than its own; of another one the
     `last` impacts are taken.
-
-    Returns
-    -------
-    t : ndarray of shape (n,)
-    z, v : ndarray of shape (n, coordinates)
-        Of the coordinates of `coordinates_of`.
-    touches : list of (time, wall, velocity)
     """
     columns = [attractor.walls, attractor.velocities, attractor.released]
     columns += [attractor.others, attractor.held] if attractor.held.size else []
@@ -148,11 +142,8 @@ def plot_portrait(
 ) -> Any:
     """Draw the phase plane: velocity against position, with the walls and the touches.
 
-    Parameters
-    ----------
-    others : mapping of str to Attractor, optional
-        Further orbits at the same parameter values, by label. One that ends in ``unstable`` or
-        ``unphysical`` is drawn in the style of its state, others solid.
+    `others` are further orbits at the same parameter values, by label. One that ends in
+    ``unstable`` or ``unphysical`` is drawn in the style of its state, others solid.
     """
     ax = ax or style.new_figure(4.4, 4.0).add_subplot()
     handles = []

@@ -58,20 +58,9 @@ SEEN = 3e-4
 
 
 def thin_ring(points: Array, corners: Sequence[int]) -> Array:
-    """Return which points of a closed ring are seen (Ramer, Douglas and Peucker).
-
-    Parameters
-    ----------
-    points : ndarray of shape (P, 2)
-        In parts of the picture; the last one is the first.
-    corners : sequence of int
-        Points that are kept, so that neighbours keep the same ones.
-
-    Returns
-    -------
-    ndarray of int
-        Their numbers, the first and the last among them.
-    """
+    """Return the numbers of the points of a closed ring that are seen (Ramer, Douglas and Peucker),
+    the first and the last among them; points (P, 2) are in parts of the picture. Corners are kept,
+    so that neighbours keep the same ones."""
     last = len(points) - 1
     opposite = int(np.argmax(np.hypot(*(points - points[0]).T)))
     kept = {0, opposite, last, *corners}
@@ -125,13 +114,8 @@ def panel_areas(
 
 
 def draw_areas(ax: Any, areas: Sequence[Area], colours: Colours) -> None:
-    """Tint areas below all else.
-
-    Parameters
-    ----------
-    colours : callable ``colours(orbit) -> colour``
-        Of the curve at which an orbit ends.
-    """
+    """Tint areas below all else, by ``colours(orbit)``, that of the curve at which an orbit
+    ends."""
     sizes = np.ptp(np.vstack([area.polygon[0] for area in areas]), axis=0)
     for area in areas:
         look, path = _region_style(area.orbits[0], colours), _path(area, sizes)

@@ -312,13 +312,8 @@ def write_figure(figure: Any, path: Path, kind: str, salt: str) -> None:
 
 
 def picture(figure: Any, kind: str, salt: str) -> bytes:
-    """Return a figure as a file's content, the same bytes every time.
-
-    Parameters
-    ----------
-    salt : str
-        What names inside an SVG are made from.
-    """
+    """Return a figure as a file's content, the same bytes every time; names inside an SVG are made
+    from `salt`."""
     undated: dict[str, Any] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
     content = io.BytesIO()
     with matplotlib.rc_context({"svg.hashsalt": salt}):
@@ -344,17 +339,9 @@ def _draw_event(
 def legend_handles(
     colours: dict[str, str], styles: Sequence[str], entries: Sequence[Entry], left_out: int = 0
 ) -> list[Any]:
-    """Return lines and markers for what is drawn and nothing else.
-
-    Parameters
-    ----------
-    colours : dict of str to str
-        By wall, or by the name of another series.
-    styles : sequence of str
-        Of `STYLES`, those in use.
-    left_out : int
-        Labels that found no room.
-    """
+    """Return lines and markers for what is drawn and nothing else: colours by wall, or by the name
+    of another series, and those of `STYLES` in use; `left_out` counts the labels without a
+    place."""
     handles = [
         legend_mark(color=colour, label=f"wall {name}" if len(name) == 1 else plain_text(name))
         for name, colour in colours.items()

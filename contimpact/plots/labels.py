@@ -82,22 +82,8 @@ def choose_events(entries: Iterable[Entry], which: str) -> list[Entry]:
 
 
 def draw_labels(ax: Any, entries: Sequence[Entry], x: str) -> int:
-    """Label events above the frame, with a line down from each label.
-
-    Parameters
-    ----------
-    ax : matplotlib.axes.Axes
-        With its limits as they will be.
-    entries : sequence of Entry
-        Inside the limits.
-    x : str
-        The column on the x axis.
-
-    Returns
-    -------
-    int
-        How many labels found no place.
-    """
+    """Label events inside the axes' limits above the frame, with a line down from each label;
+    returns how many labels found no place."""
     low, high = ax.get_xlim()
     width = ax.get_window_extent().width / ax.figure.dpi * 72.0
     scale = width / (high - low)
@@ -173,15 +159,8 @@ def _draw(ax: Any, label: Label, spot: Spot) -> None:
 def arrange_labels(
     places: Sequence[float], widths: Sequence[float], limits: tuple[float, float]
 ) -> list[Spot | None]:
-    """Return the places of labels, None for those that no longer find room.
-
-    Parameters
-    ----------
-    places, widths : sequence of float
-        Of each label, in points from the left end of the frame.
-    limits : (low, high)
-        Between which labels have to stay.
-    """
+    """Return the places of labels, None for those that no longer find a place between the limits.
+    Places and widths are in points from the left end of the frame."""
     kept: list[int] = []
     spots: list[Spot] = []
     for number in range(len(places)):

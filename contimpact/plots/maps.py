@@ -26,15 +26,7 @@ LINES = ("-", "--", ":", "-.")
 
 
 def plot_map(shown: Map, ax: Any = None, units: Mapping[str, str] | None = None) -> Any:
-    """Draw a map.
-
-    Parameters
-    ----------
-    ax : matplotlib.axes.Axes, optional
-        Where to draw; an axes of a new figure by default.
-    units : mapping of str to str, optional
-        Of the parameters.
-    """
+    """Draw a map, on axes of a new figure by default; units are those of the parameters."""
     ax = ax or Figure(figsize=(6.4, 4.8), layout="constrained").add_subplot()
     handles = _draw_names(ax, shown) if shown.named else _draw_numbers(ax, shown)
     handles += _draw_curves(ax, shown)

@@ -21,17 +21,9 @@ STYLES: tuple[Any, ...] = ("-", (0, (5, 2)), "-", (0, (5, 2)), (0, (1, 1.2)), "-
 
 
 def plot_report(data: Mapping[str, Any], ax: Any = None, *, against: str = "seconds") -> Any:
-    """Draw error against cost.
-
-    Parameters
-    ----------
-    data : mapping
-        From `contimpact.accuracy.report.report`.
-    ax : matplotlib.axes.Axes, optional
-        Where to draw; a new figure otherwise.
-    against : {"seconds", "evaluations"}
-        Seconds are medians, with bars from the least to the most.
-    """
+    """Draw error against cost, from `contimpact.accuracy.report.report`: against ``seconds``, the
+    medians with bars from the least to the most, or against ``evaluations``. On axes of a new
+    figure by default."""
     if ax is None:
         figure = matplotlib.figure.Figure(figsize=(5.2, 4.2), dpi=150, layout="constrained")
         ax = figure.add_subplot()

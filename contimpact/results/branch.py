@@ -46,16 +46,10 @@ SOLVED = 1e-6
 
 
 def orbit_of(entry: Entry, model: Model | None = None, kernels: Kernels | None = None) -> Orbit:
-    """Return the orbit a catalogue entry records.
+    """Return the orbit a catalogue entry records, by default of the system that it names; kernels
+    are the model's, with the entry's parameter free, and perhaps a second one.
 
     Raises InputError if the entry is damaged, or of another model.
-
-    Parameters
-    ----------
-    model : Model, optional
-        The system; parameter values are taken from the entry. By default the one it names.
-    kernels : Kernels, optional
-        Of the model, with the entry's parameter free, and perhaps a second one.
     """
     at = model_of(entry, model)
     kernels = kernels or Kernels(at, entry.parameter)

@@ -436,15 +436,8 @@ def parameters_of(curve: Curve) -> list[str]:
 def regions(
     curves: Sequence[Curve], along: str | None = None, checks: Sequence[Check] = ()
 ) -> list[Region]:
-    """Return the regions of all members and words.
-
-    Parameters
-    ----------
-    along : str, optional
-        The column that falls; that of `falling_column` by default.
-    checks : sequence of Check
-        What one-parameter runs say.
-    """
+    """Return the regions of all members and words along the column that falls, by default that of
+    `falling_column`; `checks` are what one-parameter runs say."""
     found: list[Region] = []
     for panel in panels(competing_curves(curves)):
         column = along or falling_column(panel)

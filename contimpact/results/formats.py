@@ -79,21 +79,11 @@ TABLE = ("scene", "id", "label", "ghost", "why", "criticality", "branch", "word"
 
 
 def merge(folders: Sequence[str | Path]) -> dict[str, Any]:
-    """Merge the catalogues of several output folders.
+    """Merge the catalogues of several folders of ``contimpact run``: ``sources`` (scene, where its
+    numbers are from, versions, digest of the catalogue) and ``entries``, each with its scene.
 
     Raises InputError if a folder has no catalogue, its schema is not this version's, its run was
     ended while it wrote the folder, or two different catalogues go by the same scene name.
-
-    Parameters
-    ----------
-    folders : sequence of str or Path
-        Written by ``contimpact run``.
-
-    Returns
-    -------
-    dict
-        ``sources`` (scene, where its numbers are from, versions, digest of the catalogue) and
-        ``entries``, each with its scene.
     """
     sources: list[dict[str, Any]] = []
     entries: list[dict[str, Any]] = []

@@ -115,17 +115,8 @@ class Energy:
 def impact_voltages(
     membrane: Membrane, parameters: Mapping[str, float], velocities: Any, span: float
 ) -> Energy:
-    """Return the voltages of the impacts made in a time `span`.
-
-    Parameters
-    ----------
-    parameters : mapping of str to float
-        Of a system with membranes.
-    velocities : array_like of shape (N,)
-        Dimensionless, before impact.
-    span : float
-        Dimensionless time in which they happen.
-    """
+    """Return the voltages of impacts, by their dimensionless velocities before impact, of shape
+    (N,), made in a dimensionless time `span`; parameters are those of a system with membranes."""
     voltages = membrane.voltage(velocity_scale(parameters) * np.asarray(velocities))
     total = float(np.sum(voltages))
     mean = total / len(voltages) if len(voltages) else 0.0
@@ -135,14 +126,8 @@ def impact_voltages(
 def branch_voltages(
     membrane: Membrane, branch: Branch, forcing_period: float = 2.0
 ) -> dict[str, Array]:
-    """Return the voltages along a branch, unphysical orbits included.
-
-    Returns
-    -------
-    dict of str to ndarray
-        ``U1``, ``U2``, ... of each impact, ``U_I`` per impact, ``U_T`` per time; one value for
-        each point.
-    """
+    """Return the voltages along a branch, unphysical orbits included, with a value for each point:
+    ``U1``, ``U2``, ... of each impact, ``U_I`` per impact, ``U_T`` per time."""
     scale = np.asarray(velocity_scale(branch.columns))
     voltages = membrane.voltage(scale[:, None] * branch.velocities)
     columns = {f"U{k + 1}": voltages[:, k] for k in range(voltages.shape[1])}
@@ -178,18 +163,13 @@ def series_of(
 ) -> list[Series]:
     """Return the series of a quantity along a branch.
 
-    Raises InputError for a name that is none of these, or values that do not fit the branch.
+    One of `QUANTITIES`: ``velocity`` before each impact, zero on branches without any; real parts
+    of the ``multipliers`` or their ``moduli``; with membranes ``energy`` for the output voltage of
+    each impact, ``U_I`` and ``U_T`` for its means per impact and per time; the smallest ``gap``;
+    the ``period``; a numeric column; or a function of the branch that returns an array with a row
+    for each point, or several of them by name.
 
-    Parameters
-    ----------
-    quantity : str or callable
-        One of `QUANTITIES`: ``velocity`` before each impact, zero on branches without any; real
-        parts of the ``multipliers`` or their ``moduli``; ``energy`` for the output voltage of each
-        impact, ``U_I`` and ``U_T`` for its means per impact and per time; the smallest ``gap``; the
-        ``period``; a numeric column; or a function of the branch that returns an array with a row
-        for each point, or several of them by name.
-    membrane : Membrane, optional
-        Of the voltages.
+    Raises InputError for a name that is none of these, or values that do not fit the branch.
     """
     if callable(quantity):
         return list(_function_series(branch, quantity))

@@ -73,14 +73,10 @@ LONGEST = 1 << 24
 def prepare_folder(
     folder: str | Path, files: Sequence[str] = (), folders: Sequence[str] = ()
 ) -> Path:
-    """Make a folder for output and make sure that it can be written.
+    """Make a folder for output in which these files and folders are going to be written, and make
+    sure that it can be written and nothing else is in the way.
 
     Raises InputError if it cannot.
-
-    Parameters
-    ----------
-    files, folders : sequence of str
-        What is going to be written in it; nothing else may be in the way.
     """
     import tempfile
 
@@ -146,24 +142,14 @@ def kept_still(folder: Path) -> contextlib.AbstractContextManager[None]:
 def renew_folder(
     folder: Path, commands: Sequence[str], scene: Mapping[str, Any] | None = None
 ) -> Iterator[list[str]]:
-    """Replace what an earlier run left in a folder; it is marked as unfinished meanwhile.
+    """Replace what an earlier run left in a folder that is held; it is marked as unfinished
+    meanwhile.
+
+    The files of these commands, of those in `WRITTEN`, are to be written. What other commands have
+    written stays only if it is of the same scene, given as resolved; the names of these files are
+    given to the block.
 
     Raises NotWrittenError if nothing can be written.
-
-    Parameters
-    ----------
-    folder : Path
-        One that is `hold_folder`.
-    commands : sequence of str
-        Of those in `WRITTEN`, the ones whose files are to be written.
-    scene : mapping, optional
-        The scene as resolved. What the other commands have written stays only if it is of the
-        same scene.
-
-    Yields
-    ------
-    list of str
-        Names of files of the other commands that stay.
     """
     same = scene is not None and _scene_in(folder) == json.loads(json.dumps(scene))
     gone = own_files(folder, commands if same else WRITTEN)
@@ -189,20 +175,8 @@ def _scene_in(folder: Path) -> Any:
 
 
 class Files:
-    """The files of a folder written so far, and those that could not be written.
-
-    Parameters
-    ----------
-    folder : Path
-    kept : sequence of str
-        Names of files that are there.
-
-    Attributes
-    ----------
-    written : list of str
-    failed : dict of str to str
-        Why, by name.
-    """
+    """The files of a folder `written` so far, among them those that were `kept`, and those that
+    `failed`, each with the reason."""
 
     def __init__(self, folder: Path, kept: Sequence[str] = ()) -> None:
         self.folder = folder

@@ -148,13 +148,8 @@ LONGEST = 300
 
 
 def explain_syntax(text: str, error: str) -> tuple[str, str]:
-    """Return what was found in a text that is not TOML, and what would be accepted.
-
-    Parameters
-    ----------
-    error : str
-        What the reader of TOML says.
-    """
+    """Return what was found in a text that is not TOML, by what its reader says, and what would be
+    accepted."""
     lines = [line[:LONGEST] for line in text.split("\n")]
     at = LINE.search(error)
     last = max((i for i, line in enumerate(lines) if line.strip()), default=0)
@@ -197,15 +192,11 @@ DEFINE = "define a subclass of Model in it, with SYSTEM, PARAMETERS, WALLS and f
 
 
 def systems_of(files: Iterable[str]) -> dict[str, type[Model]]:
-    """Run Python files, and return the systems that they define, by name.
+    """Run Python files, and return the systems that they define, by name. Each file's folder is
+    searched for modules that it imports, after all other places.
 
-    Each file's folder is searched for modules that it imports, after all other places.
-
-    Raises
-    ------
-    InputError
-        Naming the file, if it cannot be read or run, defines no system, or one of a name that is
-        taken.
+    Raises InputError naming the file, if it cannot be read or run, defines no system, or one of a
+    name that is taken.
     """
     found: dict[str, type[Model]] = {}
     for file in dict.fromkeys(files):

@@ -124,17 +124,11 @@ DAY = 86400.0
 
 
 def put(path: Path, content: bytes, mode: int = 0o600, *, durable: bool = False) -> None:
-    """Put a whole file in place at once: another process may be writing or reading it.
+    """Put a whole file in place at once: another process may be writing or reading it. `mode` is
+    its permissions, before the umask; a `durable` one is on the disk before it takes its name, so
+    that it survives a machine that stops.
 
     Raises OSError if it cannot be written.
-
-    Parameters
-    ----------
-    mode : int
-        Its permissions, before the umask.
-    durable : bool
-        Whether it is to be on the disk before it takes its name, so that it survives a machine
-        that stops.
     """
     temporary = temporary_beside(path)
     try:
@@ -198,23 +192,11 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_all(folder: Path, contents: Mapping[str, Content]) -> list[str]:
-    """Write files to a folder, each of them that can be written.
+    """Write files to a folder, each of them that can be written, and return their names. The
+    contents are by the files' names relative to the folder; folders in them are made, but one that
+    is a link is refused.
 
-    Parameters
-    ----------
-    contents : mapping
-        What makes each file's content, by the file's name relative to the folder. Folders in it
-        are made; one that is a link is refused.
-
-    Returns
-    -------
-    list of str
-        The names.
-
-    Raises
-    ------
-    NotWrittenError
-        In the end, if some could not be written.
+    Raises NotWrittenError in the end, if some could not be written.
     """
     written: list[str] = []
     failed: dict[str, str] = {}
@@ -253,14 +235,10 @@ def make_inside(folder: Path, inner: Path) -> None:
 
 
 def read_plain(path: Path, most: int = -1) -> tuple[bytes, os.stat_result]:
-    """Return the content and the status of a plain file: no folder, pipe or device.
+    """Return the content, at most so many bytes, and the status of a plain file: no folder, pipe or
+    device.
 
     Raises OSError if it cannot be read.
-
-    Parameters
-    ----------
-    most : int
-        Bytes to read at most; all if negative.
     """
     with open_plain(path) as file:
         return file.read(most), os.fstat(file.fileno())

@@ -79,13 +79,8 @@ def _finite(value: Any, instead: Callable[[float], Any] = lambda value: None) ->
 def csv_text(columns: Sequence[str], rows: Iterable[Iterable[Any]], *, exact: bool = False) -> str:
     """Return a table as CSV; numbers read back to the same bits, None is an empty cell.
 
-    A text that would be a formula in a spreadsheet has ``'`` before it.
-
-    Parameters
-    ----------
-    exact : bool
-        Whether `unescape_text` has to give texts back as they are; control characters stand as
-        escapes otherwise.
+    A text that would be a formula in a spreadsheet has ``'`` before it. Where it is `exact`,
+    `unescape_text` gives texts back as they are; control characters are escapes otherwise.
     """
     shown = _escape_text if exact else printable
     buffer = io.StringIO()
@@ -146,20 +141,13 @@ DAMAGE = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, R
 
 
 def build_record(kind: type[T], record: Any, needed: Collection[str] | None = None) -> T:
-    """Return a dataclass made of a record.
+    """Return a dataclass made of a record; keys that it does not have are passed over.
 
-    Keys that it does not have are passed over.
+    Its annotations may be texts, numbers, booleans, enumerations (by name), sequences, tuples,
+    mappings, other dataclasses, None besides any of these, and Any. Keys that are `needed` are
+    required, by default all without a default value; others are None if they are missing.
 
     Raises ValueError if a key is missing or its value does not fit.
-
-    Parameters
-    ----------
-    kind : type
-        Its annotations may be texts, numbers, booleans, enumerations (by name), sequences, tuples,
-        mappings, other dataclasses, None besides any of these, and Any.
-    needed : collection of str, optional
-        The required keys; others are None if they are missing. By default all keys without a
-        default value are required.
     """
     if not isinstance(record, Mapping):
         raise ValueError(f"found {short_repr(record)} in place of a record")

@@ -37,27 +37,14 @@ def export(
     columns: Sequence[str] | None = None,
     digits: int | None = None,
 ) -> dict[str, int]:
-    """Write the tables of a store as files ``<study>-<table>.<kind>``.
+    """Write the tables of a store as files ``<study>-<table>.<kind>``, and return these and how
+    many rows each has.
+
+    The kind is ``csv``, ``csv.gz``, ``json`` (an array of objects) or ``parquet`` (which needs
+    pyarrow). All studies by default, of them the tables that have rows, and all columns; numbers
+    with all their digits, so that they read back to the bit, or with so many significant ones.
 
     Raises InputError if something that is asked for is not there, or a file cannot be written.
-
-    Parameters
-    ----------
-    kind : str
-        ``csv``, ``csv.gz``, ``json`` (an array of objects) or ``parquet`` (which needs pyarrow).
-    names : sequence of str, optional
-        Studies; all by default.
-    tables : sequence of str, optional
-        Those that have rows by default.
-    columns : sequence of str, optional
-        Columns, as far as a table has them; all by default.
-    digits : int, optional
-        Significant digits of numbers; all of them by default, so that they read back to the bit.
-
-    Returns
-    -------
-    dict of str to int
-        The files, and how many rows each has.
     """
     write = _writer(kind)
     written: dict[str, int] = {}

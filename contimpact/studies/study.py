@@ -289,20 +289,11 @@ def _done(study: Study) -> Iterator[Any]:
 
 
 def sweeps_of(study: Study) -> list[Sweep]:
-    """Return the sweeps of a study's scenes, in their order.
+    """Return the sweeps of a study's scenes, in their order; scenes without attractors have none.
+    Attractors say what they are and where, by kind, word, period and notation; the impacts are not
+    kept in a store.
 
     Raises InputError if the study does not keep attractors.
-
-    Parameters
-    ----------
-    study : Study
-        That keeps attractors.
-
-    Returns
-    -------
-    list of Sweep
-        Their attractors say what they are and where, by kind, word, period and notation; the
-        impacts are not kept in a store. Scenes without attractors have none.
     """
     file = read_study(study.given)
     if "attractors" not in file.keep:

@@ -43,22 +43,11 @@ class BudgetError(BaseException):
 
 @contextlib.contextmanager
 def limit_time(seconds: float | None, fatal: bool = False) -> Iterator[Progress]:
-    """End what is done within the block when it takes too long.
+    """End what is done within the block by BudgetError when it takes too long; None for no limit.
 
     In a process's main thread a timer interrupts Python wherever it is. Elsewhere the function that
-    is yielded looks at the clock whenever progress is told to it.
-
-    Parameters
-    ----------
-    seconds : float or None
-        None for no limit.
-    fatal : bool
-        Whether to end the process if it does not return to Python even then.
-
-    Raises
-    ------
-    BudgetError
-        After that time.
+    is yielded looks at the clock whenever progress is told to it. Where it is `fatal`, the process
+    is ended if it does not return to Python even then.
     """
     if seconds is None:
         yield ignore_progress
