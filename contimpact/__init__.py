@@ -90,15 +90,15 @@ if TYPE_CHECKING:
     from .systems.bouncing_ball import BouncingBall as BouncingBall
     from .systems.coupled_by_impact import CoupledByImpact as CoupledByImpact
     from .systems.duffing import Duffing as Duffing
-    from .systems.hybrid import HybridSystem as HybridSystem
     from .systems.impact_damper import ImpactDamper as ImpactDamper
     from .systems.impact_pair import ImpactPair as ImpactPair
-    from .systems.linear import LinearMachine as LinearMachine
     from .systems.membrane import Membrane as Membrane
     from .systems.oscillator import Oscillator as Oscillator
     from .systems.pendulum import Pendulum as Pendulum
     from .systems.soft_pair import SoftPair as SoftPair
     from .systems.soft_stop import SoftStop as SoftStop
+    from .systems.stated import HybridSystem as HybridSystem
+    from .systems.stated import LinearMachine as LinearMachine
     from .systems.two_masses import TwoMasses as TwoMasses
     from .systems.two_stops import TwoStops as TwoStops
     from .systems.van_der_pol import VanDerPol as VanDerPol
@@ -120,8 +120,8 @@ _PLACES = {
     "Duffing": "systems.duffing",
     "Belt": "systems.belt",
     "VanDerPol": "systems.van_der_pol",
-    "LinearMachine": "systems.linear",
-    "HybridSystem": "systems.hybrid",
+    "LinearMachine": "systems.stated",
+    "HybridSystem": "systems.stated",
     "list_systems": "systems",
     "new_scene": "results.new_scene",
     "Model": "models.model",

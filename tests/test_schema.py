@@ -21,8 +21,17 @@ from contimpact.results.options import CertifyOptions, CurveOptions, PlotOptions
 from contimpact.results.scene import Scene, read_scene
 from contimpact.results.simulate_tables import SimulateOptions
 from contimpact.results.tables import same_data
-from contimpact.schema import Key, attribute, key, keys_of, read, record, table_columns, written
-from contimpact.storage.texts import build_record
+from contimpact.schema import (
+    Key,
+    attribute,
+    build_record,
+    key,
+    keys_of,
+    read,
+    record,
+    table_columns,
+    written,
+)
 
 LEAST = {
     "name": "a scene",

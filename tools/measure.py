@@ -89,7 +89,7 @@ def handles_tables(tree: ast.AST) -> bool:
     """Whether a module declares or reads tables of keys; records of results are no such tables."""
     named = (node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom))
     names = {a.name for node in named if node.module == "schema" for a in node.names}
-    return bool(names - {"attribute", "documented", "record", "table_columns"})
+    return bool(names & {"Table", "key", "read", "written"})
 
 
 def places_of_keys() -> dict[str, set[str]]:

@@ -23,11 +23,11 @@ from ..results.diagram import Diagram
 from ..results.options import CertifyOptions
 from ..results.result_folder import digests_of, read_json
 from ..results.scene import Scene, load_scene
-from ..schema import record
+from ..schema import DAMAGE, build_record, record
 from ..segments.balls import INTEGRATED, without_enclosures
 from ..segments.kernels import Kernels
 from ..storage.files import append, write_text
-from ..storage.texts import DAMAGE, Json, build_record, json_line, json_text
+from ..storage.texts import Json, json_line, json_text
 from .branch import BranchCertificate, certify_branch, verify_branch, without_certificate
 from .event import EventCertificate, NoEnclosuresError, certify_entry, verify_entry
 

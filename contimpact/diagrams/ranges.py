@@ -30,13 +30,14 @@ from ..results.diagram_reading import Interval
 from ..results.fractions import Share, read_fractions, shorten_names
 from ..results.ranges import Bound, Motion
 from ..results.result_folder import read_json
+from ..schema import build_record, fit_value
 from ..segments.kernels import Kernels
 from ..simulation.attractor import Attractor, Kind
 from ..simulation.basins import Coverage, begins_with, cover, orbits_on
 from ..simulation.files import COVERAGE, TRANSITIONS, sweep_of
 from ..simulation.sweep import Row, Sweep
 from ..storage.files import is_there
-from ..storage.texts import build_record, csv_text, fit_value
+from ..storage.texts import csv_text
 from .crises import CR
 
 RANGES = "contimpact.ranges/1"

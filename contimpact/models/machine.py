@@ -12,10 +12,12 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from fractions import Fraction
+from functools import cache
 from random import Random
-from typing import Any, ClassVar, Protocol, Self, TypeAlias
+from typing import Any, ClassVar, Protocol, Self, TypeAlias, TypeVar
 
 from ..errors import InputError, short_repr, shorten
+from ..schema import DAMAGE, build_record
 from .expressions import (
     CONSTANTS,
     FUNCTIONS,
@@ -27,6 +29,8 @@ from .expressions import (
     number,
 )
 from .model import Model
+
+T = TypeVar("T", bound="MachineTable")
 
 # Whether stated laws repeat after the period that is stated, and after which they would.
 #
@@ -49,6 +53,9 @@ class MachineTable(Protocol):
     @property
     def period(self) -> str:
         """An expression of the parameters."""
+
+    def check(self) -> None:
+        """Refuse expressions of anything but what has a value where they are."""
 
     def in_time(self, values: Mapping[str, float]) -> dict[str, Timed]:
         """Return the laws in which the time stands, by their keys, at a state and the values."""
@@ -161,7 +168,7 @@ class Machine:
 
     @property
     def text(self) -> str:
-        """The machine as a text, from which `machine_of` makes it again."""
+        """The machine as a text, from which `statement_of` makes it again."""
         return json.dumps(asdict(self), separators=(",", ":"))
 
     @property
@@ -197,6 +204,28 @@ class Machine:
     def angles(self, values: Mapping[str, float]) -> list[Timed]:
         """Return what the sines and cosines of the time are of."""
         return angles_of(self.force, values)
+
+    def check(self) -> None:
+        """Refuse expressions of anything but the parameters, and of the time in forces."""
+        for name in self.parameters:
+            if name in (*FUNCTIONS, *CONSTANTS, TIME):
+                accepted = "give another name: expressions know it as something else"
+                raise InputError(f"parameters.{name}", f"the name {name!r}", accepted)
+        for name in MATRICES:
+            for i, row in enumerate(getattr(self, name)):
+                for j, text in enumerate(row):
+                    check_expression(text, f"{name}[{i}][{j}]", self.parameters, growing=True)
+        for i, text in enumerate(self.force):
+            check_expression(text, f"force[{i}]", (TIME, *self.parameters), growing=True)
+        check_expression(self.period, "period", self.parameters, growing=True)
+        if not self.guards:
+            raise InputError("guards", "none", "give at least one")
+        for guard in self.guards:
+            where = f"guards.{guard.name}"
+            check_expression(guard.position, f"{where}.within", self.parameters, growing=True)
+            check_expression(
+                guard.restitution, f"{where}.restitution", self.parameters, growing=True
+            )
 
 
 def _matrix_entry(matrix: Sequence[Sequence[str]]) -> str:
@@ -242,22 +271,18 @@ def angles_of(texts: Sequence[str], values: Mapping[str, float]) -> list[Timed]:
     return [time_function(angle, values, TIME) for angle, names in named if TIME in names <= known]
 
 
-def machine_of(text: str) -> Machine:
-    """Return the machine that a text holds.
+def statement_of(kind: type[T], text: str) -> T:
+    """Return the machine, or the modes, that a text holds.
 
     Raises InputError if it is no such text.
     """
     try:
-        given = json.loads(text)
-        guards = tuple(StatedGuard(**{**g, "row": tuple(g["row"])}) for g in given["guards"])
-        lists: dict[str, Any] = {n: tuple(given[n]) for n in ("parameters", "coordinates", "force")}
-        lists |= {name: tuple(map(tuple, given[name])) for name in MATRICES}
-        machine = Machine(**lists, period=given["period"], guards=guards)
-    except (ValueError, TypeError, KeyError) as error:
-        accepted = "state the machine in a scene, with mass, stiffness, force and guards"
+        found = build_record(kind, json.loads(text))
+    except DAMAGE as error:
+        accepted = "state the system in a scene, with its laws or matrices and guards"
         raise InputError("machine", f"found {short_repr(text)}", accepted) from error
-    _check(machine)
-    return machine
+    found.check()
+    return found
 
 
 def machine_of_table(given: Mapping[str, Any], parameters: Sequence[str]) -> Machine:
@@ -273,7 +298,7 @@ def machine_of_table(given: Mapping[str, Any], parameters: Sequence[str]) -> Mac
     machine = Machine(
         tuple(parameters), names, **matrices, force=force, period=period, guards=guards
     )
-    _check(machine)
+    machine.check()
     return machine
 
 
@@ -382,29 +407,6 @@ def row_of(text: str, where: str, coordinates: Sequence[str]) -> tuple[float, ..
     return tuple(c + 0.0 for c in found.factors)
 
 
-def _check(machine: Machine) -> None:
-    """Refuse expressions of anything but the parameters, and of the time in forces."""
-    for name in machine.parameters:
-        if name in (*FUNCTIONS, *CONSTANTS, TIME):
-            accepted = "give another name: expressions know it as something else"
-            raise InputError(f"parameters.{name}", f"the name {name!r}", accepted)
-    for name in MATRICES:
-        for i, row in enumerate(getattr(machine, name)):
-            for j, text in enumerate(row):
-                check_expression(text, f"{name}[{i}][{j}]", machine.parameters, growing=True)
-    for i, text in enumerate(machine.force):
-        check_expression(text, f"force[{i}]", (TIME, *machine.parameters), growing=True)
-    check_expression(machine.period, "period", machine.parameters, growing=True)
-    if not machine.guards:
-        raise InputError("guards", "none", "give at least one")
-    for guard in machine.guards:
-        where = f"guards.{guard.name}"
-        check_expression(guard.position, f"{where}.within", machine.parameters, growing=True)
-        check_expression(
-            guard.restitution, f"{where}.restitution", machine.parameters, growing=True
-        )
-
-
 def check_values(machine: Machine, values: Mapping[str, float]) -> None:
     """Refuse parameter values for which a machine has no motion, or an impact none: InputError has
     the place in the scene's table.
@@ -452,18 +454,19 @@ class StatedSystem(Model):
     PARAMETERS = ()
     STATED = True
     OPTIONS: ClassVar[Mapping[str, str]] = {"machine": ""}
+    machine: ClassVar[Any]
 
     def __new__(cls, /, **given: Any) -> Self:
-        kind = cls if hasattr(cls, "machine") else cls.class_of(str(given.get("machine", "")))
+        kind = cls if hasattr(cls, "machine") else _class_of(cls, str(given.get("machine", "")))
         return object.__new__(kind)
 
     def __init__(self, /, **given: Any) -> None:
         super().__init__(**given)
-        check_period(type(self).machine, self.values)  # type: ignore[attr-defined]
+        check_period(type(self).machine, self.values)
 
     def statement(self) -> list[tuple[str, str]]:
         """Return what a scene states, for readers, as headings with a text each."""
-        lines = type(self).machine.lines  # type: ignore[attr-defined]
+        lines = type(self).machine.lines
         return [("model", self.SYSTEM), *lines, ("values", self._listed())]
 
     def __repr__(self) -> str:
@@ -482,15 +485,33 @@ class StatedSystem(Model):
         """Return the key of a scene."""
         if not name:
             return f"model.{what}" if what in ("period", "mass") else "model"
-        guard = next(g for g in type(self).machine.guards if g.name == name)  # type: ignore[attr-defined]
+        guard = next(g for g in type(self).machine.guards if g.name == name)
         set_there = ".set" if getattr(guard, "after", ()) else ""
         key = {"walls": ".within", "reset": set_there, "jump": set_there}.get(what.split()[0], "")
         return f"model.guards.{name}{key}"
 
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """The names of the coordinates, of the mode that has most."""
+        return type(self).machine.coordinates
+
     @classmethod
     @abstractmethod
-    def class_of(cls, text: str) -> type[Self]:
-        """Return the class of a statement, which holds it as `machine`."""
+    def attributes_of(cls, text: str) -> dict[str, Any]:
+        """Return the attributes of the class of a statement, which is among them as `machine`."""
+
+
+@cache
+def _class_of(kind: type[StatedSystem], text: str) -> type[StatedSystem]:
+    """Return the class of a statement."""
+    named = {"__doc__": kind.__doc__, "__module__": kind.__module__, "OPTIONS": {"machine": text}}
+    attributes = kind.attributes_of(text)
+    try:
+        return type(kind.__name__, (kind,), named | attributes)
+    except InputError as error:
+        inside = next((i for i in ("guards", "modes") if i.upper() in error.where), "parameters")
+        inside = "guards" if error.where.endswith("WALLS") else inside
+        raise InputError(inside, error.found, error.accepted) from None
 
 
 def _make_system(kind: type[StatedSystem], text: str, values: Mapping[str, float]) -> StatedSystem:

@@ -90,7 +90,7 @@ class StatedModes:
 
     @property
     def text(self) -> str:
-        """The system as a text, from which `modes_of` makes it again."""
+        """The system as a text, from which `statement_of` makes it again."""
         given = asdict(self)
         if not self.mass:
             del given["mass"]
@@ -166,6 +166,28 @@ class StatedModes:
         """Return a mode by its name."""
         return next(mode for mode in self.modes if mode.name == name)
 
+    def check(self) -> None:
+        """Refuse expressions of anything but what has a value where they stand."""
+        known = self.parameters
+        for name, text in self.definitions:
+            variables = [v for mode in self.modes for v in mode.variables]
+            before = [n for n, _ in self.definitions[: [*dict(self.definitions)].index(name)]]
+            usable = (TIME, *known, *before, *variables)
+            _check_known(text, f"define.{name}", usable)
+            check_expression(text, f"define.{name}", usable, growing=True)
+        check_expression(self.period, "period", known, growing=True)
+        if not self.guards:
+            raise InputError("guards", "none", "give at least one")
+        for mode in self.modes:
+            usable = (TIME, *known, *mode.variables, *usable_definitions(self, mode))
+            for name, text in mode.laws:
+                _check_laws_are_there(self, mode, name, usable)
+                check_expression(text, f"modes.{mode.name}.{name}", usable, growing=True)
+        for guard in self.guards:
+            _check_guard(guard, self)
+        if self.mass:
+            _check_mass(self)
+
 
 def _add_definitions(
     law: str, defined: Sequence[tuple[str, str]], at: Mapping[str, float]
@@ -177,41 +199,6 @@ def _add_definitions(
         return number(law, "modes", known)
 
     return value
-
-
-def modes_of(text: str) -> StatedModes:
-    """Return the system that a text holds.
-
-    Raises InputError if it is no such text.
-    """
-    try:
-        given = json.loads(text)
-        modes = tuple(StatedMode(m["name"], _pairs(m["laws"])) for m in given["modes"])
-        guards = tuple(
-            StatedGuard(
-                **{
-                    **g,
-                    "modes": tuple(g["modes"]),
-                    "row": tuple(g["row"]),
-                    "after": _pairs(g["after"]),
-                }
-            )
-            for g in given["guards"]
-        )
-        names = (tuple(given[name]) for name in ("parameters", "sections"))
-        parameters, sections = names
-        definitions, mass = _pairs(given["definitions"]), _pairs(given.get("mass", ()))
-        period = given["period"]
-        found = StatedModes(parameters, definitions, sections, modes, guards, period, mass)
-    except (ValueError, TypeError, KeyError) as error:
-        accepted = "state the system in a scene, with modes and guards"
-        raise InputError("machine", f"found {short_repr(text)}", accepted) from error
-    _check(found)
-    return found
-
-
-def _pairs(given: Any) -> Texts:
-    return tuple((str(name), str(text)) for name, text in given)
 
 
 def modes_of_table(given: Mapping[str, Any], parameters: Sequence[str]) -> StatedModes:
@@ -249,7 +236,7 @@ def modes_of_table(given: Mapping[str, Any], parameters: Sequence[str]) -> State
         period,
         _texts(given["mass"], "mass"),
     )
-    _check(found)
+    found.check()
     return found
 
 
@@ -322,29 +309,6 @@ def _guard(
     row = row_of(left, f"{where}.within", coordinates)
     after, past = _texts(given.get("set", {}), f"{where}.set"), given.get("past", "")
     return StatedGuard(name, names, given.get("to", names[0]), row, side, position, after, past)
-
-
-def _check(given: StatedModes) -> None:
-    """Refuse expressions of anything but what has a value where they stand."""
-    known = given.parameters
-    for name, text in given.definitions:
-        variables = [v for mode in given.modes for v in mode.variables]
-        before = [n for n, _ in given.definitions[: [*dict(given.definitions)].index(name)]]
-        usable = (TIME, *known, *before, *variables)
-        _check_known(text, f"define.{name}", usable)
-        check_expression(text, f"define.{name}", usable, growing=True)
-    check_expression(given.period, "period", known, growing=True)
-    if not given.guards:
-        raise InputError("guards", "none", "give at least one")
-    for mode in given.modes:
-        usable = (TIME, *known, *mode.variables, *usable_definitions(given, mode))
-        for name, text in mode.laws:
-            _check_laws_are_there(given, mode, name, usable)
-            check_expression(text, f"modes.{mode.name}.{name}", usable, growing=True)
-    for guard in given.guards:
-        _check_guard(guard, given)
-    if given.mass:
-        _check_mass(given)
 
 
 def _check_mass(given: StatedModes) -> None:

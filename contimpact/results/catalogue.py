@@ -27,7 +27,7 @@ from ..arrays import Array
 from ..errors import InputError, explain_arguments
 from ..models.model import Model
 from ..models.word import LONGEST_WORD
-from ..schema import attribute, record, table_columns
+from ..schema import DAMAGE, attribute, build_record, fit_value, record, table_columns
 from ..storage.files import (
     LARGEST_RECORD,
     Content,
@@ -37,16 +37,7 @@ from ..storage.files import (
     reason,
     write_all,
 )
-from ..storage.texts import (
-    DAMAGE,
-    Json,
-    build_record,
-    csv_text,
-    fit_value,
-    json_line,
-    json_text,
-    unescape_text,
-)
+from ..storage.texts import Json, csv_text, json_line, json_text, unescape_text
 from .branch import Branch, Entry, end_record
 from .curve import Area, Check, Coverage, Curve, regions
 from .diagram import Diagram, Limit

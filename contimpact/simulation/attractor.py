@@ -18,7 +18,7 @@ from ..models.model import Model
 from ..orbits.multipliers import multipliers
 from ..orbits.orbit import Orbit
 from ..results.tables import same_data
-from ..storage.texts import build_record
+from ..schema import build_record
 from .run import Run, State
 from .simulator import Simulator
 

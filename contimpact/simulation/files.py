@@ -38,8 +38,9 @@ from ..results.catalogue import (
 )
 from ..results.curve import Curve
 from ..results.diagram import Diagram
+from ..schema import DAMAGE, build_record, fit_value
 from ..storage.files import append, is_there, read_bounded, reason, write_text
-from ..storage.texts import DAMAGE, Json, build_record, csv_text, fit_value, json_line, json_text
+from ..storage.texts import Json, csv_text, json_line, json_text
 from .attractor import Attractor, Kind
 from .run import Outcome, Run, State
 from .sweep import WRITTEN, Row, Sweep, table_of

@@ -21,8 +21,8 @@ from ..models.model import Model
 from ..progress import Asked, progress_lines
 from ..results.simulate_tables import SETTLING, Settling
 from ..results.tables import coordinates, same_data
+from ..schema import build_record
 from ..segments.kernels import Kernels
-from ..storage.texts import build_record
 from .attractor import Attractor, Kind, distances_between
 from .run import State
 from .settle import settle

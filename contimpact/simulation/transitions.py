@@ -17,7 +17,7 @@ from ..models.word import is_rotation
 from ..results.branch import Entry
 from ..results.diagram import Diagram
 from ..results.simulate_tables import SETTLING, Settling
-from ..storage.texts import build_record
+from ..schema import build_record
 from .attractor import Attractor, Kind
 from .settle import settle_again
 from .sweep import Row, Simulators, Sweep

@@ -23,8 +23,8 @@ SYSTEMS = {
     "duffing": "duffing:Duffing",
     "belt": "belt:Belt",
     "van-der-pol": "van_der_pol:VanDerPol",
-    "linear": "linear:LinearMachine",
-    "hybrid": "hybrid:HybridSystem",
+    "linear": "stated:LinearMachine",
+    "hybrid": "stated:HybridSystem",
 }
 
 PLUGINS = "contimpact.systems"

@@ -200,7 +200,7 @@ def test_names_may_be_words_of_python():
 
 
 def test_a_text_that_is_no_machine_is_refused():
-    with pytest.raises(InputError, match=r"model\.machine: found '\{\}'; state the machine in a"):
+    with pytest.raises(InputError, match=r"model\.machine: found '\{\}'; state the system in a"):
         scene_of({"system": "linear", "machine": "{}", "parameters": TWO_MASSES})
 
 

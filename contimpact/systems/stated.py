@@ -1,26 +1,123 @@
-"""Hybrid systems that a scene states: laws of motion for each mode, and guards between the modes.
+r"""Systems that a scene states: linear machines, and hybrid systems of several modes.
 
-A state variable whose rate is another variable is a coordinate of second order with that for its
-velocity; all others are coordinates of first order.
+A linear machine moves by :math:`M\ddot x + C\dot x + Kx = f(t)` within guards. An impact at a guard
+with the gap coordinate :math:`n \cdot x` changes the velocities by an impulse along n, such that
+the gap coordinate's velocity is multiplied by -r; impacts between bodies thus keep their momentum:
+
+.. math:: v^+ = v - (1 + r)\frac{n \cdot v}{n \cdot M^{-1} n}\,M^{-1} n .
+
+A hybrid system has laws of motion for each mode, and guards between the modes. A state variable
+whose rate is another variable is a coordinate of second order with that for its velocity; all
+others are coordinates of first order.
 """
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 from ..errors import InputError
-from ..models.machine import TIME, StatedSystem
+from ..models.expressions import CONSTANTS, FUNCTIONS, names_in
+from ..models.machine import TIME, Machine, StatedGuard, StatedSystem, check_values, statement_of
 from ..models.model import Formulas, Geometry, Guard, Mode, Parameter, Wall
-from ..models.stated_modes import (
-    StatedGuard,
-    StatedMode,
-    StatedModes,
-    check_masses,
-    modes_of,
-    usable_definitions,
-)
+from ..models.stated_modes import StatedGuard as ModeGuard
+from ..models.stated_modes import StatedMode, StatedModes, check_masses, usable_definitions
+
+
+class LinearMachine(StatedSystem):
+    """Matrices, forces and guards that a scene states: a linear machine.
+
+    The class of an instance has the parameters and guards that its statement names.
+
+    Parameters
+    ----------
+    machine : str
+        As `contimpact.models.machine.Machine.text`.
+    **parameters : float
+        A value for each parameter of it.
+    """
+
+    SYSTEM = "linear"
+    machine: ClassVar[Machine]
+
+    @classmethod
+    def attributes_of(cls, text: str) -> dict[str, Any]:
+        """Return the attributes of the class of a text."""
+        machine = statement_of(Machine, text)
+        restitutions = {g.restitution.strip() for g in machine.guards}
+        bounds = {n: (None, 0.0, 1.0) if n in restitutions else () for n in machine.parameters}
+        return {
+            "PARAMETERS": tuple(Parameter(n, "", f"parameter {n}", *b) for n, b in bounds.items()),
+            "WALLS": tuple(Wall(g.name, g.side, coordinate=g.row) for g in machine.guards),
+            "DEGREES_OF_FREEDOM": len(machine.coordinates),
+            "machine": machine,
+        }
+
+    def validate(self) -> None:
+        """Refuse masses, restitutions and periods that no machine has."""
+        check_values(self.machine, self.values)
+
+    def state_names(self, mode: str) -> list[tuple[str, str]]:
+        """Return the coordinates' names."""
+        return [(name, f"rate of {name}") for name in self.machine.coordinates]
+
+    def formulas(self, symbols: Mapping[str, Any]) -> Formulas:
+        """Linear flights, and impulses along the guards."""
+        import sympy
+
+        from ..models.expressions import sympy_expression
+        from ..models.linear import Linear
+        from ..models.symbols import exact
+
+        stated = self.machine
+
+        def read(text: str, where: str, more: Mapping[str, Any] | None = None) -> Any:
+            return sympy_expression(text, where, {**symbols, **(more or {})})
+
+        def matrix(name: str) -> list[list[Any]]:
+            rows = enumerate(getattr(stated, name))
+            return [[read(e, f"{name}[{i}][{j}]") for j, e in enumerate(row)] for i, row in rows]
+
+        matrices = {name: matrix(name) for name in ("mass", "damping", "stiffness")}
+        try:
+            motion = Linear(
+                **matrices,
+                force=lambda t: [
+                    read(e, f"force[{i}]", {TIME: t}) for i, e in enumerate(stated.force)
+                ],
+                period=read(stated.period, "period"),
+            )
+        except InputError as error:
+            raise error.within("model") from None
+        guards = {guard.name: guard for guard in stated.guards}
+
+        def reset(wall: str, x: Sequence[Any], v: Sequence[Any]) -> list[Any]:
+            guard = guards[wall]
+            row = sympy.Matrix([exact(c) for c in guard.row])
+            pushed = motion.inverse * row
+            speed = row.dot(sympy.Matrix(list(v)))
+            restitution = read(guard.restitution, f"guards.{wall}.restitution")
+            impulse = sympy.cancel(1 / row.dot(pushed)) * (1 + restitution) * speed
+            after = (
+                _hit(guard, i, one, restitution) or one - sympy.cancel(part) * impulse
+                for i, (one, part) in enumerate(zip(v, pushed, strict=True))
+            )
+            return list(after)
+
+        return Formulas(
+            period=motion.period,
+            walls={name: read(g.position, f"guards.{name}.within") for name, g in guards.items()},
+            reset=reset,
+            flight=motion.flight,
+            acceleration=motion.acceleration,
+            mass=matrices["mass"] if sympy.Matrix(matrices["mass"]).is_symmetric() else None,
+        )
+
+
+def _hit(guard: StatedGuard, i: int, velocity: Any, restitution: Any) -> Any:
+    """The velocity after impact of a coordinate that is the gap coordinate."""
+    alone = [c for c in guard.row if c] == [guard.row[i]]
+    return -restitution * velocity if alone else None
 
 
 class HybridSystem(StatedSystem):
@@ -40,14 +137,19 @@ class HybridSystem(StatedSystem):
     machine: ClassVar[StatedModes]
 
     @classmethod
-    def class_of(cls, text: str) -> type[Self]:
-        """Return the class of a text; see `StatedSystem`."""
-        return _class_of(text)  # type: ignore[return-value]
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """The names of the coordinates, of the mode that has most."""
-        return self.machine.coordinates
+    def attributes_of(cls, text: str) -> dict[str, Any]:
+        """Return the attributes of the class of a text."""
+        given = statement_of(StatedModes, text)
+        size, modes = given.degrees_of_freedom, tuple(_mode(mode, given) for mode in given.modes)
+        return {
+            "PARAMETERS": tuple(Parameter(n, "", f"parameter {n}") for n in given.parameters),
+            "MODES": modes,
+            "WALLS": tuple(_guard(guard, size) for guard in given.guards),
+            "DEGREES_OF_FREEDOM": size,
+            "AUTONOMOUS": given.autonomous,
+            "GEOMETRY": None if any(mode.first_order for mode in modes) else Geometry(),
+            "machine": given,
+        }
 
     def validate(self) -> None:
         """Refuse masses below zero."""
@@ -140,7 +242,7 @@ class _Reader:
         return found
 
     def jump(
-        self, guard: StatedGuard, x: Sequence[Any], v: Sequence[Any]
+        self, guard: ModeGuard, x: Sequence[Any], v: Sequence[Any]
     ) -> tuple[list[Any], list[Any]]:
         """Positions, and velocities of second order, after a guard."""
         before, after = self.given.mode(guard.modes[0]), self.given.mode(guard.to)
@@ -157,34 +259,7 @@ class _Reader:
 
 
 def _names_known(text: str, names: set[str]) -> bool:
-    from ..models.expressions import CONSTANTS, FUNCTIONS, names_in
-
     return set(names_in(text)) <= {*names, *FUNCTIONS, *CONSTANTS}
-
-
-@functools.cache
-def _class_of(text: str) -> type[HybridSystem]:
-    """Return the class of a hybrid system, by its text."""
-    given = modes_of(text)
-    size, modes = given.degrees_of_freedom, tuple(_mode(mode, given) for mode in given.modes)
-    attributes = {
-        "__doc__": HybridSystem.__doc__,
-        "__module__": __name__,
-        "PARAMETERS": tuple(Parameter(n, "", f"parameter {n}") for n in given.parameters),
-        "MODES": modes,
-        "WALLS": tuple(_guard(guard, size) for guard in given.guards),
-        "DEGREES_OF_FREEDOM": size,
-        "AUTONOMOUS": given.autonomous,
-        "GEOMETRY": None if any(mode.first_order for mode in modes) else Geometry(),
-        "OPTIONS": {"machine": text},
-        "machine": given,
-    }
-    try:
-        return type("HybridSystem", (HybridSystem,), attributes)
-    except InputError as error:
-        inside = next((i for i in ("guards", "modes") if i.upper() in error.where), "parameters")
-        inside = "guards" if error.where.endswith("WALLS") else inside
-        raise InputError(inside, error.found, error.accepted) from None
 
 
 def _mode(mode: StatedMode, given: StatedModes) -> Mode:
@@ -193,7 +268,7 @@ def _mode(mode: StatedMode, given: StatedModes) -> Mode:
     return Mode(mode.name, len(coordinates), first)
 
 
-def _guard(guard: StatedGuard, size: int) -> Guard:
+def _guard(guard: ModeGuard, size: int) -> Guard:
     row = guard.row + (0.0,) * (size - len(guard.row))
     if guard.modes == (guard.to,):
         return Wall(guard.name, guard.side, guard.modes[0], coordinate=row)
