@@ -290,12 +290,9 @@ def touch_points(
 ) -> list[TestFunction[CurvePoint]]:
     """Return the test functions of a curve of orbits that touch a wall.
 
-    Parameters
-    ----------
-    touch : callable ``touch(point) -> impact, since``
-        The impact before the touch, and the time since then.
-    longer, shorter : callable
-        The orbit with the touch as an impact of its word, and without; None if no impact is left.
+    ``touch(point)`` gives the impact before the touch, and the time since then; `longer` and
+    `shorter` the orbit with the touch as an impact of its word, and without, None if no impact is
+    left.
     """
     points: list[TestFunction[CurvePoint]] = [
         DegenerateTouch(touch),

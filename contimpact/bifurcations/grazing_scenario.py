@@ -75,16 +75,8 @@ as near to one."""
 
 
 def scenario_of(event: OrbitEvent, start: Start | None, touches: int) -> Scenario:
-    """Return what is seen beyond a grazing.
-
-    Parameters
-    ----------
-    event : Event
-    start : Start or None
-        Of the branch with the touch as an impact.
-    touches : int
-        How many there are at once.
-    """
+    """Return what is seen beyond a grazing of so many touches at once; the start is that of the
+    branch with the touch as an impact."""
     here: Linearisation = event.point.evaluation
     if start is None or (reason := _refusal(event, touches)):
         return Scenario(UNDECIDED, reason if start is not None else "no branch is born")
@@ -142,14 +134,8 @@ def _refusal(event: OrbitEvent, touches: int) -> str:
 
 
 def square_root_coefficient(event: OrbitEvent, longer: Linearisation) -> float:
-    """Return kappa: a gap y < 0 at the touch becomes kappa sqrt(-y) a cycle later.
-
-    Parameters
-    ----------
-    event : Event
-    longer : Linearisation
-        The orbit with the touch as an impact.
-    """
+    """Return kappa: a gap y < 0 at the touch becomes kappa sqrt(-y) a cycle later. The longer orbit
+    has the touch as an impact."""
     problem = longer.problem
     count = len(problem.word)
     touch = (event.details["flight"] + 1) % count
@@ -189,20 +175,9 @@ def gap_rate(event: OrbitEvent) -> float:
 def predict(
     trace: float, determinant: float, away: bool
 ) -> tuple[str, list[tuple[int, tuple[float, float]]]]:
-    """Return the scenario of a normal form with a stable orbit.
-
-    Parameters
-    ----------
-    trace, determinant : float
-    away : bool
-        Whether kappa > 0: a cycle after the impact the gap is larger.
-
-    Returns
-    -------
-    name : str
-    windows : list of (int, (float, float))
-        Cycles per impact, and the range of epsilon over the square of kappa, as of `Scenario`.
-    """
+    """Return the scenario of a normal form with a stable orbit, and its windows: cycles per impact,
+    and the range of epsilon over the square of kappa, as of `Scenario`. It is `away` where kappa >
+    0: a cycle after the impact the gap is larger."""
     discriminant = trace * trace - 4.0 * determinant
     larger = 0.5 * (trace + math.sqrt(discriminant)) if discriminant >= 0.0 else math.nan
     found = windows(trace, determinant, away)

@@ -65,17 +65,7 @@ test_functions.__test__ = False  # type: ignore[attr-defined]
 
 
 def switch(event: OrbitEvent) -> Start | None:
-    """Return the start of the branch born at an event.
-
-    Parameters
-    ----------
-    event : Event
-        Of a kind in `SWITCHES`, on a branch of periodic orbits.
-
-    Returns
-    -------
-    Start or None
-        None where nothing can start: a dropped impact was the only one, or the tangent is not
-        defined (a degenerate event).
-    """
+    """Return the start of the branch born at an event of a kind in `SWITCHES`; None where nothing
+    can start: a dropped impact was the only one, or the tangent is not defined (a degenerate
+    event)."""
     return kind_of(event.kind).born(event)

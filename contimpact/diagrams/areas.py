@@ -45,22 +45,9 @@ DEPTH = 2
 
 
 def mechanisms(branch: Branch, end: Entry, scene: Scene, model: Model) -> list[int]:
-    """Return the mechanisms by which the orbit of a branch gives way at the end of its stability.
-
-    Parameters
-    ----------
-    end : Entry
-        On it, where the orbit loses its stability or grazes.
-    scene : Scene
-        Gives range, events and settings.
-    model : Model
-        The branch's system.
-
-    Returns
-    -------
-    list of int
-        Of 1 to 4, as in `results.diagram_reading`; empty where nothing is decided.
-    """
+    """Return the mechanisms, 1 to 4 as in `results.diagram_reading`, by which the orbit of a branch
+    gives way at the entry where it loses its stability or grazes; none where nothing is decided.
+    The scene gives range, events and settings."""
     grazings = _grazings(branch, end)
     if not grazings:
         return []
@@ -172,18 +159,8 @@ class Outline:
 
 
 def outlines(slabs: Sequence[Slab], contents: Sequence[Sequence[Hashable]]) -> list[Outline]:
-    """Join neighbouring cells of the same content and trace their borders.
-
-    Parameters
-    ----------
-    contents : sequence of sequence
-        For each slab what its cells hold, from below.
-
-    Returns
-    -------
-    list of Outline
-        From left to right.
-    """
+    """Join neighbouring cells of the same content, given for each slab from below, and trace their
+    borders; returns the outlines from left to right."""
     return _Tracer(slabs, contents).outlines()
 
 
@@ -377,17 +354,8 @@ class Stretch:
 def stable_branches(
     scene: Scene, model: Model, word: Word, kernels: Kernels, searched: Sequence[float]
 ) -> list[Branch]:
-    """Follow every stable physical orbit of a word that is found at some values of a parameter.
-
-    Parameters
-    ----------
-    model : Model
-        Gives the values of the other parameters.
-    kernels : Kernels
-        With the parameter free.
-    searched : sequence of float
-        The values.
-    """
+    """Follow every stable physical orbit of a word that is found at the searched values of the
+    parameter that is free in the kernels; the model gives the values of the others."""
     tests = test_functions(problem_of(model, word, kernels), scene.events, {})
 
     def wanted(orbit: Orbit) -> bool:
@@ -398,13 +366,7 @@ def stable_branches(
 
 
 def stretches(branch: Branch, frame: Frame) -> list[Stretch]:
-    """Return where a branch is stable.
-
-    Parameters
-    ----------
-    frame : Frame
-        In which heights are counted.
-    """
+    """Return where a branch is stable; heights are counted in the frame."""
     entries = {entry.id: entry for entry in branch.events}
     found = []
     for interval in stable_intervals(branch):
@@ -482,29 +444,9 @@ def divide(
     progress: Progress,
     names: itertools.count[int],
 ) -> tuple[list[Area], list[str]]:
-    """Divide the rectangle of a member of a scene's family.
-
-    Parameters
-    ----------
-    scene : Scene
-        With ``curves``.
-    model : Model
-        The member.
-    curves : sequence of Curve
-        Its curves.
-    fixed : mapping of str to float
-        The family's parameter.
-    kernels : Kernels
-        With the first parameter free.
-    names : iterator of int
-        Numbers of areas.
-
-    Returns
-    -------
-    areas : list of Area
-    notes : list of str
-        What the curves do not explain.
-    """
+    """Divide the rectangle of a member of a scene's family, at the fixed value of the family's
+    parameter, by its curves; the first parameter is free in the kernels. Areas are numbered by
+    `names`. Returns the areas, and notes on what the curves do not explain."""
     return _Divider(scene, model, curves, fixed, kernels, progress).divided(names)
 
 

@@ -123,17 +123,8 @@ def _runs(kept: Array) -> list[tuple[int, int]]:
 
 
 class Arc:
-    """A part of a curve on which y is a function of x.
-
-    Parameters
-    ----------
-    name : str
-        The curve's.
-    spline : CubicSpline
-        Of x and y over the arclength.
-    first, last : float
-        Arclengths of its ends.
-    """
+    """A part of a curve on which y is a function of x: a spline of both over the arclength, from
+    the first to the last."""
 
     def __init__(self, name: str, spline: CubicSpline, first: float, last: float) -> None:
         self.name, self.spline = name, spline

@@ -126,15 +126,8 @@ def _problem(
 
 
 def orbit_at(entry: Entry, point: Codim2, model: Model, kernels: Kernels) -> Linearisation:
-    """Return the orbit of a point of codimension two.
-
-    Parameters
-    ----------
-    entry : Entry
-        From which the curve was started that has the point.
-    model : Model
-        At the point's parameter values.
-    """
+    """Return the orbit of a point of codimension two, at the model's values; the curve that has the
+    point was started from the entry."""
     problem = problem_of(model, Word(entry.word, entry.period), kernels)
     names = ["time", "velocity", *coordinates(problem.m)[2:]]
     rows = [[impact[name] for name in names] for impact in point.impacts]
@@ -191,24 +184,9 @@ def entries_born(
     kernels: Kernels,
     ranges: Sequence[Bounds],
 ) -> Iterator[Entry]:
-    """Events beside a point of codimension two, on the curves of other events that meet there.
-
-    Parameters
-    ----------
-    entry : Entry
-        From which the curve was started that has the point.
-    kinds : sequence of str
-        Of the curves that are wanted.
-    kernels : Kernels
-        With both parameters free.
-    ranges : sequence of (low, high)
-        Of both parameters, within which the events lie.
-
-    Yields
-    ------
-    Entry
-        One for each direction in which a curve leaves.
-    """
+    """Yield events beside a point of codimension two, on the curves of other events, of these
+    kinds, that meet there: one for each direction in which a curve leaves, within the ranges of
+    both parameters. The curve that has the point was started from the entry."""
     at = model_at_point(entry, point, model)
     here = orbit_at(entry, point, at, kernels)
     starts = starts_at(here, point.kind, kind_of(entry.kind), details_of(entry), point.changes)

@@ -38,16 +38,10 @@ from ..segments.kernels import Kernels
 class CurveProblem:
     """An extended system with one free parameter more than it has equations for, to be continued.
 
-    Parameters
-    ----------
-    kind : Kind
-        Named in `CURVES`, or several at once.
-    system : ExtendedSystem
-        On an `OrbitProblem` with two free parameters, or as many as make its solutions a curve.
-    details : mapping
-        Where on the orbit it happens (flight, wall, impact).
-    spans : sequence of float
-        Natural sizes of the free parameters but the last, along which the walk is limited.
+    Its kind is one of those in `CURVES`, or several at once; the system is on an `OrbitProblem`
+    with two free parameters, or as many as make its solutions a curve. Details say where on the
+    orbit it happens (flight, wall, impact); spans are natural sizes of the free parameters but the
+    last, along which the walk is limited.
     """
 
     def __init__(
@@ -323,18 +317,8 @@ class ParameterTurn(TestFunction):
 
 
 class OtherKindTest(TestFunction):
-    """A test function of one of two kinds' curves, on the curve where both happen.
-
-    Parameters
-    ----------
-    name : str
-        What happens all along the curve.
-    test : OnCurve
-    own : slice
-        That kind's own unknowns.
-    without : int, optional
-        The value that vanishes all along.
-    """
+    """A test function of one of two kinds' curves, on the curve where both happen, which has that
+    name; `own` are that kind's own unknowns, and the value `without` vanishes all along."""
 
     def __init__(self, name: str, test: CurveTest, own: slice, without: int | None = None) -> None:
         self.kind, self.test, self.own, self.without = f"{name}, {test.kind}", test, own, without
@@ -370,22 +354,10 @@ class DoubleSystem:
 def double_of(
     here: Linearisation, name: str, kind: Kind, details: Details, changes: str = ""
 ) -> DoubleSystem:
-    """Return the equations of a point of codimension two on a curve.
+    """Return the equations of a point of codimension two, such as ``PD-G``, on a curve of a kind,
+    from the orbit there and the curve's details. What changes there tells points of one name apart.
 
     Raises InputError if curves of this kind have no such points.
-
-    Parameters
-    ----------
-    here : Linearisation
-        The orbit there.
-    name : str
-        What the point is, such as ``PD-G``.
-    kind : Kind
-        Of the curve.
-    details : mapping
-        The curve's.
-    changes : str
-        What changes there, which tells points of one name apart.
     """
     one, at, test, index = _vanishing_test(here, name, kind, details, changes)
     told = at.details

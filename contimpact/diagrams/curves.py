@@ -64,15 +64,8 @@ def refine_walk(
     settings: Settings,
     within: float,
 ) -> Walk[CurvePoint]:
-    """Return a walk with further points between its own.
-
-    Parameters
-    ----------
-    spans : sequence of float
-        Widths of the ranges of the free parameters.
-    within : float
-        How far, as part of these, the spline through the points may be from the curve.
-    """
+    """Return a walk with further points between its own, so that the spline through the points is
+    `within` such a part of the free parameters' spans of the curve."""
     filling = _WalkRefinement(problem, spans, settings, within)
     return replace(walk, points=Points(list(filling.along(walk.points))))
 
@@ -350,14 +343,8 @@ def walk_both_ways(
 ) -> tuple[Walk, Walk] | End:
     """Return the walks backward and forward from a start, or why there is no first point.
 
-    Parameters
-    ----------
-    ranges : sequence of (low, high)
-        Of the free parameters; the walks are limited by the last.
-    special : sequence of TestFunction
-        Of the points to be marked.
-    values : sequence of float
-        Of the last parameter, to hit exactly.
+    They are within the ranges of the free parameters, limited by the last, of which some values are
+    hit exactly; points of the special test functions are marked.
     """
     *others, last = problem.orbit.kernels.parameters
     inside = [Limit(name, limits) for name, limits in zip(others, ranges, strict=False)]
@@ -404,13 +391,8 @@ def check_range(model: Model, parameter: str, value: float, limits: object) -> R
 def end_on_leaving(
     kind: Kind, watched: Sequence[TestFunction]
 ) -> Callable[[Point, Sequence[Event]], tuple[End, Point] | None]:
-    """End a walk where a parameter leaves its range, or where the kind says so.
-
-    Parameters
-    ----------
-    watched : sequence of TestFunction
-        `Limit` of each parameter but the last, and those of `Kind.curve_limits`.
-    """
+    """End a walk where a parameter leaves its range, or where the kind says so; watched are the
+    `Limit` of each parameter but the last, and those of `Kind.curve_limits`."""
     ranges = {test.kind: test.parameter for test in watched if isinstance(test, Limit)}
     ends = {test.kind: end for end, test in kind.curve_limits().items()}
 
@@ -489,15 +471,9 @@ def curve_from_walks(
     notation: str,
     origin: str,
 ) -> Curve:
-    """Return two walks from one start, backward and forward, as a curve.
-
-    Parameters
-    ----------
-    special : sequence of TestFunction
-        Those of the points that are marked on it.
-    label, notation, origin : str
-        Of what it was started from.
-    """
+    """Return two walks from one start, backward and forward, as a curve, with the points of the
+    special test functions marked; label, notation and origin are those of what it was started
+    from."""
     parameters, word = problem.orbit.kernels.parameters, problem.orbit.word
     last = parameters[-1]
     points, events = join_walks(*walks)

@@ -24,14 +24,7 @@ LONG = 1.5
 
 
 class FreePeriodEnds:
-    """What ends a walk along orbits of free period, as `stop` of `walk`.
-
-    Parameters
-    ----------
-    problem : OrbitProblem
-    stop : callable or None
-        What else ends the walk.
-    """
+    """What ends a walk along orbits of free period, as `stop` of `walk`, and what else ends it."""
 
     def __init__(self, problem: OrbitProblem, stop: Stop | None) -> None:
         self.problem, self.stop = problem, stop

@@ -144,16 +144,8 @@ MOST_ROUNDS = 6
 
 
 def add_curves(scene: Scene, diagram: Diagram, progress: Progress | None = None) -> Diagram:
-    """Return a scene's diagram with its curves.
-
-    Parameters
-    ----------
-    scene : Scene
-        With ``curves``.
-    diagram : Diagram
-        Of that scene; its branches are those of the scene's own parameter values. For a family,
-        the branches of its members are added.
-    """
+    """Return the diagram of a scene with ``curves`` with these. Its branches are those of the
+    scene's own parameter values; for a family, the branches of its members are added."""
     assert scene.curves is not None
     return _CurveExplorer(scene, scene.curves, diagram, progress or ignore_progress).run()
 
@@ -541,15 +533,8 @@ def _fixed_text(fixed: Mapping[str, float]) -> str:
 
 
 def add_map(scene: Scene, diagram: Diagram, progress: Progress | None = None) -> Diagram:
-    """Return a scene's diagram with its curves, and with areas if the scene asks for them.
-
-    Parameters
-    ----------
-    scene : Scene
-        With ``curves``.
-    diagram : Diagram
-        Of that scene.
-    """
+    """Return the diagram of a scene with ``curves`` with these, and with areas if the scene asks
+    for them."""
     assert scene.curves is not None
     diagram = add_curves(scene, diagram, progress)
     if not scene.curves.areas or diagram.statistics["failure"]:

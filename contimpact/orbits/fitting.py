@@ -70,18 +70,12 @@ class Impacts:
 
 
 def read_impacts(data: str | Path | Mapping[str, Sequence[Any]]) -> Impacts:
-    """Read measured impacts: a CSV file, or columns.
+    """Read measured impacts: a CSV file, or columns `time`, `velocity` (before impact) and `wall`,
+    in the units of the model. A file names them in its first line; a cell may be empty, lines that
+    begin with # are left out.
 
-    Parameters
-    ----------
-    data : path or mapping of str to sequence
-        Columns `time`, `velocity` (before impact) and `wall`, in the units of the model; a file
-        names them in its first line. A cell may be empty, lines that begin with # are left out.
-
-    Raises
-    ------
-    InputError
-        Naming the line, for what is no number, a row without time and velocity, or another column.
+    Raises InputError naming the line, for what is no number, a row without time and velocity, or
+    another column.
     """
     if isinstance(data, Mapping):
         columns = {str(name): list(cells) for name, cells in data.items()}

@@ -29,16 +29,8 @@ def findings(
     forgive_touches: Collection[tuple[int, str]] = (),
     forgive_impacts: Collection[int] = (),
 ) -> tuple[float, ...]:
-    """Return what `verdict` says of an orbit.
-
-    Parameters
-    ----------
-    forgive_touches : collection of (flight, wall)
-        Touches that are not held against the orbit: the grazing event itself.
-    forgive_impacts : collection of int
-        Impacts whose direction is not held against it, nor the order of two in a row: the zero
-        velocity itself.
-    """
+    """Return what `verdict` says of an orbit, without what is the event itself: touches by flight
+    and wall, and impacts of which neither the direction nor the order of two in a row matters."""
     places = {w.name: i for i, w in enumerate(named)}
     walls = [places[name] for name in word]
     touches = [

@@ -199,15 +199,8 @@ def _draw_sections(problem: OrbitProblem, times: Array, generator: np.random.Gen
 
 
 def _newton(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
-    """Newton's iteration from every start.
-
-    Returns
-    -------
-    solutions : ndarray of shape (K, n + 1)
-        The unknowns of those that converged, the soonest first.
-    origin : ndarray of shape (K,)
-        The numbers of their starts.
-    """
+    """Newton's iteration from every start: the unknowns of those that converged, of shape (K, n +
+    1), the soonest first, and the numbers of their starts."""
     count, n, m = z.shape
     value = problem.model.values[problem.parameter]
     period = problem.kernels.setup(*problem.model.values.values()).period

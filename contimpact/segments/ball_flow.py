@@ -239,15 +239,8 @@ def _coefficient(x: Number, j: int) -> Number:
 
 
 class Entries:
-    """What `flow` returns, each number made when it is asked for: kernels use a part of them.
-
-    Parameters
-    ----------
-    motion : _Motion
-    time : arb or arb_series
-    length : int
-        Of power series; 1 for balls.
-    """
+    """What `flow` returns, each number made when it is asked for: kernels use a part of them. The
+    length is that of power series; 1 for balls."""
 
     def __init__(self, motion: _Motion, time: Number, length: int) -> None:
         self.motion, self.time, self.length = motion, time, length
@@ -308,17 +301,8 @@ class Entries:
 
 
 class _Motion:
-    """Taylor coefficients, on a ball of times, of what a linear flight is made of.
-
-    Parameters
-    ----------
-    shape : Shape
-    orders : list of list of arb
-        The numbers that `flow` takes, for each order of their power series.
-    time : arb
-    count : int
-        How many coefficients are wanted.
-    """
+    """So many Taylor coefficients, on a ball of times, of what a linear flight is made of, from the
+    numbers that `flow` takes, for each order of their power series."""
 
     def __init__(self, shape: Shape, orders: list[list[Number]], time: Number, count: int) -> None:
         self.shape, self.count = shape, count

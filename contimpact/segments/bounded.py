@@ -254,13 +254,8 @@ BOUNDED = Arithmetic(
 
 
 def bounds_of(segment: Segment, start: Numbers, end: Numbers, values: Numbers) -> Any:
-    """Return the blocks of a segment, and bounds of their errors in the same layout.
-
-    Parameters
-    ----------
-    start, end, values : sequence of float or Bounded
-        As of `Segment.blocks`; floats are exact.
-    """
+    """Return the blocks of a segment, and bounds of their errors in the same layout, from the
+    arguments of `Segment.blocks`; floats among them are exact."""
     if isinstance(segment, ClosedForm):
         found = _by_pairs(segment.kernel, [*start, *end, *values])
         if found is not None:
@@ -270,13 +265,8 @@ def bounds_of(segment: Segment, start: Numbers, end: Numbers, values: Numbers) -
 
 
 def bounds_of_kernel(kernel: Kernel, arguments: Numbers) -> Any:
-    """Return a kernel's result, and bounds of its errors in the same layout.
-
-    Parameters
-    ----------
-    arguments : sequence of float or Bounded
-        Floats are exact.
-    """
+    """Return a kernel's result, and bounds of its errors in the same layout; floats among the
+    arguments are exact."""
     found = _by_pairs(kernel, arguments)
     if found is not None:
         return found

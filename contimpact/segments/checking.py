@@ -31,17 +31,10 @@ left out of flights of a few periods of the forcing's highest harmonic."""
 
 
 def check_motion(model: Model, wall: str, agreement: Callable[..., Sequence[float]]) -> None:
-    """Compare the formulas of a model for the flight after a wall.
+    """Compare the formulas of a model for the flight after a wall, by the kernel ``agreement`` of
+    one coordinate; see `contimpact.segments.codegen`.
 
-    Parameters
-    ----------
-    agreement : callable
-        The kernel ``agreement`` of one coordinate; see `contimpact.segments.codegen`.
-
-    Raises
-    ------
-    InputError
-        Naming the wall and the formulas that contradict each other.
+    Raises InputError naming the wall and the formulas that contradict each other.
     """
     random = Random(0)
     mode = next((guard.next_mode for guard in model.WALLS if guard.name == wall), "")

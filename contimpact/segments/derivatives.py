@@ -472,17 +472,9 @@ SERIES_OF_FLOATS = series(FLOATS)
 
 
 def second_derivatives(kernel: Kernel, ends: int, parameters: Sequence[str]) -> Derivatives:
-    """Return ``second(t0, *y0, t1, *y1, *q, *p)``: how `Blocks` change along a direction q.
-
-    Parameters
-    ----------
-    kernel : Kernel
-        Of a flight.
-    ends : int
-        Unknowns at both ends of the flight.
-    parameters : sequence of str
-        Those that the direction has entries for, behind those of the ends.
-    """
+    """Return ``second(t0, *y0, t1, *y1, *q, *p)``: how the `Blocks` of a flight change along a
+    direction q. It has entries for the unknowns at both ends of the flight, and behind them for
+    these parameters."""
     if _loops(kernel):
         directly = _directly(kernel, ends, parameters, 1)
 
@@ -498,15 +490,8 @@ def second_derivatives(kernel: Kernel, ends: int, parameters: Sequence[str]) -> 
 
 
 def third_derivatives(kernel: Kernel, ends: int) -> Derivatives:
-    """Return ``third(t0, *y0, t1, *y1, *q, *p)``: third derivatives of the residual along q.
-
-    Parameters
-    ----------
-    kernel : Kernel
-        Of a flight.
-    ends : int
-        Unknowns at both ends of the flight, the entries of the direction.
-    """
+    """Return ``third(t0, *y0, t1, *y1, *q, *p)``: third derivatives of a flight's residual along q,
+    which has an entry for each unknown at both ends of the flight."""
     if _loops(kernel):
         directly = _directly(kernel, ends, (), 3)
         return lambda *given: tuple(6 * _coefficient(x, 3) for x in directly(*given)[0])

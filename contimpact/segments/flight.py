@@ -62,13 +62,8 @@ for the pair beside the real axis that a touch may have become by rounding."""
 
 
 def time_zeros(harmonics: Sequence[float], period: float) -> list[float] | None:
-    """Return where in [0, period) the acceleration changes sign, or None if it depends on more.
-
-    Parameters
-    ----------
-    harmonics : sequence of float
-        What the kernel ``harmonics`` returns: mean, then k, a_k, b_k for each harmonic.
-    """
+    """Return where in [0, period) the acceleration changes sign, or None if it depends on more,
+    from what the kernel ``harmonics`` returns: mean, then k, a_k, b_k for each harmonic."""
     mean, terms = harmonics[0], harmonics[1:]
     if math.isnan(mean):
         return None
@@ -160,18 +155,11 @@ def zeros_in_turn(
 ) -> Iterator[list[float]]:
     """Yield the same piece by piece, in order, each found when it is asked for.
 
-    Parameters
-    ----------
-    passed : callable ``passed(begin, length) -> bool``
-        Whether zeros in a piece that would have to be cut do not matter; its ends are returned in
-        their place.
-    begin : float
-        Where the function's zero lies for `passed`.
-    cuts, fastest : int
-        A piece that is not resolved after `cuts` is cut on as long as one of its halves is, or some
-        part of it that takes `fastest` more, at most: in it something decays or oscillates fast.
-    rounding : callable ``rounding(time) -> float``, optional
-        Of the function, see `chebyshev_zeros`.
+    ``passed(begin, length)`` says whether zeros in a piece that would have to be cut do not matter,
+    counted from `begin` as the function's zero; its ends are returned in their place. A piece that
+    is not resolved after `cuts` is cut on as long as one of its halves is, or some part of it that
+    takes `fastest` more, at most: in it something decays or oscillates fast. For the function's
+    rounding see `chebyshev_zeros`.
     """
     found = _zeros_of_interpolant(function, length)
     if found is None and passed(begin, length):
@@ -319,23 +307,12 @@ def flight_gaps(
     span: float,
     only: int | None = None,
 ) -> list[FlightGaps]:
-    """Return the nearest interior touch of each wall on each flight of an orbit.
+    """Return the nearest interior touch of each wall on each flight of an orbit of a word, from
+    parameter values in the model's order, the impacts' times and section coordinates, of shape (N,
+    m), and the orbit's period `span`; on one flight alone if it is named.
 
     A flight that leaves its wall outwards, or reaches the next from outside, does so because an
     impact runs the wrong way; that excursion belongs to the impact and is not a touch.
-
-    Parameters
-    ----------
-    walls : str
-        The word.
-    values : sequence of float
-        Parameter values, in the model's order.
-    impacts : ndarray of shape (N, m)
-        Times and section coordinates.
-    span : float
-        Period of the orbit.
-    only : int, optional
-        The one flight that is asked for.
     """
     setup = kernels.setup(*values)
     period, named = setup.period, kernels.model.WALLS
@@ -427,17 +404,8 @@ def excursion_of(kernels: Kernels, in_time: bool) -> Callable[..., Any]:
 
 
 def touch_of(flight: int, start: float, wall: Guard, distance: float, found: Any) -> Touch | None:
-    """Return the smallest gap to a wall among the turning points towards it.
-
-    Parameters
-    ----------
-    start : float
-        The time from which `found` counts.
-    distance : float
-        Of the wall, from where displacements are measured.
-    found : tuple
-        What `excursions` returns.
-    """
+    """Return the smallest gap to a wall, at a distance from where displacements are measured, among
+    the turning points towards it: what `excursions` found, in times counted from `start`."""
     high, when_high, low, when_low = found[:4]
     gap, dt = (distance - high, when_high) if wall.side > 0 else (low - distance, when_low)
     return None if math.isnan(gap) else Touch(flight, wall.name, start + dt, gap)
@@ -462,29 +430,13 @@ def wall_arrival(
     wall: float,
     rising: bool,
 ) -> tuple[float, float]:
-    """Return time and velocity at which a monotone displacement reaches a wall.
+    """Return time and velocity at which a monotone displacement reaches a wall, rising or falling,
+    between two times and what the motion is there (displacement, velocity, acceleration). The
+    velocity does not run away from the wall, not even by rounding.
 
     Newton's iteration kept inside a bracket, from the end with the larger speed: between two zeros
     of the acceleration the displacement is convex or concave, and from that end the iteration is
     monotone.
-
-    Parameters
-    ----------
-    motion, head, values
-        As in `velocity_zero`.
-    left, right : float
-        Times before and after the arrival.
-    at, reached : (displacement, velocity, acceleration)
-        What `motion` returns there.
-    wall : float
-        Displacement of the wall.
-    rising : bool
-        Whether the displacement grows towards it.
-
-    Returns
-    -------
-    dt, speed : float
-        The velocity does not run away from the wall, not even by rounding.
     """
     from_left = abs(at[1]) > abs(reached[1])
     t = left if from_left else right
@@ -523,13 +475,8 @@ def first_hit(
     low: float,
     high: float,
 ) -> tuple[int, float, float, bool]:
-    """Return the first arrival at a wall; as `first_arrival`, between times that are given.
-
-    Parameters
-    ----------
-    breaks : vector
-        Zeros of the acceleration after `left`, in order; further times among them do no harm.
-    """
+    """Return the first arrival at a wall; as `first_arrival`, between times that are given: zeros
+    of the acceleration after `left`, in order. Further times among them do no harm."""
     return first_arrival(motion, head, values, breaks, 0.0, 0.0, 1, left, rising, low, high)
 
 

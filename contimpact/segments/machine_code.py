@@ -21,13 +21,7 @@ from .llvm_ir import intermediate_code
 
 
 class Program:
-    """The text of an entry function and of all it calls.
-
-    Parameters
-    ----------
-    instead : mapping of function to function
-        Functions that others stand for.
-    """
+    """The text of an entry function and of all it calls; functions may be replaced by others."""
 
     def __init__(self, instead: Mapping[Callable[..., Any], Callable[..., Any]]) -> None:
         self.instead = instead
@@ -151,12 +145,8 @@ class _Names(ast.NodeTransformer):
 
 
 def object_code(program: Program, arguments: str) -> bytes:
-    """Return the machine code of a program whose entry is the function ``entry``.
-
-    Parameters
-    ----------
-    arguments : str
-        Kinds of the entry's arguments.
+    """Return the machine code of a program whose entry is the function ``entry``, with arguments of
+    these kinds.
 
     Raises NotImplementedError for a program outside the subset.
     """

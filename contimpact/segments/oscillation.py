@@ -130,20 +130,11 @@ def velocity_zero(
     speed_right: float,
     fraction: float,
 ) -> tuple[float, float]:
-    """Return when the velocity changes sign between two times, and the displacement then.
+    """Return when the velocity changes sign between two times, and the displacement then, by
+    ``motion(head, dt, values) -> (displacement, velocity, acceleration)``.
 
-    Newton's iteration kept inside a bracket in which the velocity is monotone.
-
-    Parameters
-    ----------
-    motion, head, values
-        Called as ``motion(head, dt, values) -> (displacement, velocity, acceleration)``.
-    left, right : float
-        The times.
-    speed_left, speed_right : float
-        Velocities there.
-    fraction : float
-        A guess, as part of the way between them.
+    Newton's iteration kept inside a bracket in which the velocity is monotone, from a guess: a
+    fraction of the way between the times.
     """
     length = right - left
     t = left + length * fraction
@@ -222,20 +213,10 @@ def excursion_by_law(
     steps: Table,
     breaks: Vector,
 ) -> Excursion:
-    """As `flight.excursions`, for a flight that has a law.
-
-    Parameters
-    ----------
-    law : callable ``law(head, values)``
-        What the kernel ``law`` returns, of one degree of freedom.
-    steps, breaks
-        Scratch space for `MOST` steps, and for the zeros of the acceleration.
-
-    Returns
-    -------
-    tuple
-        The `slowest` is infinite where the flight is too stiff, or too long, for so many steps.
-    """
+    """As `excursions`, for a flight that has a law of one degree of freedom, as the kernel ``law``
+    returns it. `steps` and `breaks` are scratch space for `MOST` steps, and for the zeros of the
+    acceleration. The `slowest` is infinite where the flight is too stiff, or too long, for so
+    many."""
     _, waves, numbers, state = law(head, values)
     made, found = follow(int(waves), numbers, state, length, steps, breaks)
     if made < 0:

@@ -36,14 +36,9 @@ AT_REST = 1e-10
 
 
 def limits_of(kernels: Kernels, letter: str) -> list[tuple[str, str, float]]:
-    """Return the limits that decide whether a guard is the one that is met.
-
-    Returns
-    -------
-    list of (begun, limit, sign)
-        The guard at which the motion would begin, its limit, and the side of it where it has to
-        begin: +1 within, -1 beyond.
-    """
+    """Return the limits that decide whether a guard is the one that is met: the guard at which the
+    motion would begin, its limit, and the side of it where it has to begin, +1 within, -1
+    beyond."""
     guards, passages = kernels.model.WALLS, kernels.passages
     place = kernels.model.letters.index(letter)
     guard = guards[place]
@@ -87,16 +82,11 @@ def margin(
     positions: Sequence[float],
 ) -> float:
     """Return how far within a limit the motion would begin, or on its surface how fast it goes
-    there; negative beyond it. Not a number where that is rounding, as it is along all of a branch
-    where sliding ends, and where the impact changes the rate of the gap, but the gap is not
-    smallest there.
+    there; negative beyond it. `leave` are the unknowns of the impact, `values` and `positions`
+    those of the parameters and of the guards.
 
-    Parameters
-    ----------
-    leave : sequence of float
-        The unknowns of the impact.
-    values, positions : sequence of float
-        Of the parameters, and of the guards.
+    Not a number where that is rounding, as it is along all of a branch where sliding ends, and
+    where the impact changes the rate of the gap, but the gap is not smallest there.
     """
     places = kernels.model.letters
     left, met = places.index(begun), places.index(limit)
@@ -144,14 +134,8 @@ SMALLEST = 1e-300
 def interior_touches(
     kernels: Kernels, walls: str, values: Sequence[float], impacts: Array, span: float
 ) -> list[FlightGaps]:
-    """Return the nearest interior touch of each wall on each flight of an orbit.
-
-    Parameters
-    ----------
-    kernels, walls, values, impacts, span
-        As of `flight.flight_gaps`, which does it for guards on one coordinate whose motion is known
-        in closed form.
-    """
+    """Return the nearest interior touch of each wall on each flight of an orbit, as
+    `flight.flight_gaps` does for guards on one coordinate whose motion is known in closed form."""
     if flights_are_apart(kernels, walls):
         return flight_gaps(kernels, walls, values, impacts, span)
     rows = impacts.tolist()

@@ -104,16 +104,8 @@ time."""
 
 
 class Pieces:
-    """How linear flights of one law and duration are cut; see the head of the module.
-
-    Parameters
-    ----------
-    shape : Shape
-    numbers : sequence of float
-        As of `linear_flow.flow`, without the duration.
-    length : float
-        Duration of the flights, positive.
-    """
+    """How linear flights of one law and positive duration are cut; see the head of the module. The
+    numbers are those of `linear_flow.flow`, without the duration."""
 
     def __init__(self, shape: Shape, numbers: Sequence[float], length: float) -> None:
         self.freedom, self.length = shape.freedom, length
@@ -130,14 +122,7 @@ class Pieces:
 
 
 class Track:
-    """The states of a flight.
-
-    Parameters
-    ----------
-    pieces : Pieces
-    state : sequence of float or ndarray
-        X where the flight starts.
-    """
+    """The states of a flight, from the state X where it starts."""
 
     def __init__(self, pieces: Pieces, state: Sequence[float] | Array) -> None:
         self.pieces = pieces

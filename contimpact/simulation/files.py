@@ -82,29 +82,15 @@ def fingerprint(resolved: Mapping[str, Any]) -> str:
 
 
 class Checkpoint:
-    """What was found so far, in a file that grows line by line.
+    """What was found so far, in a file that grows line by line, of the scene with this
+    `fingerprint`; to `resume` is to keep what is in the file already. Rows have to be of the
+    model's attractors.
+
+    The rows are in `rows`; transitions between two rows of a sweep in `changes`, by direction and
+    value of the second one; in `tried` the values at which the random starts have been made. `lost`
+    says why nothing more could be kept, if so; what is found is then in memory alone.
 
     Raises InputError if the file is of another scene, or damaged.
-
-    Parameters
-    ----------
-    path : Path
-    digest : str
-        Of the scene, by `fingerprint`.
-    resume : bool
-        Whether what is in the file already is kept.
-    model : Model, optional
-        Whose attractors the rows have to be.
-
-    Attributes
-    ----------
-    lost : str or None
-        Why nothing more could be kept, if so; what is found is then in memory alone.
-    rows : list of Row
-    changes : dict
-        Transitions between two rows of a sweep, by direction and value of the second one.
-    tried : set of float
-        Values at which the random starts have been made.
     """
 
     def __init__(self, path: Path, digest: str, resume: bool, model: Model | None = None) -> None:
@@ -153,16 +139,10 @@ class Checkpoint:
         return InputError(str(self.path), why, "leave --resume out to begin anew")
 
     def check(self, sweeps: Iterable[tuple[str, Sequence[float]]], at_random: Set[float]) -> None:
-        """Make sure that the rows are the beginning of each sweep, and each there once.
+        """Make sure that the rows are the beginning of each sweep, by its direction and the values
+        that it visits, and each there once; random starts are made at some values.
 
         Raises InputError if they are not: two runs have written to the file, or it was edited.
-
-        Parameters
-        ----------
-        sweeps : iterable
-            Directions and the values that each visits.
-        at_random : set of float
-            Values at which random starts are made.
         """
         expected = {direction: list(values) for direction, values in sweeps}
         for direction, values in expected.items():

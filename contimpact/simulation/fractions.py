@@ -76,17 +76,11 @@ class StartBox:
 def start_box(simulator: Simulator, box: Mapping[str, Any] | None = None) -> StartBox:
     """Return the box of starts that a mapping states, with defaults for what it leaves out.
 
-    Parameters
-    ----------
-    box : mapping, optional
-        ``time`` (low, high), a forcing period by default; ``position`` and ``velocity``, a pair for
-        one coordinate or a list of pairs for several. By default one coordinate starts between its
-        walls, and velocities are up to what half a period of the largest acceleration gives.
+    It has ``time`` (low, high), a forcing period by default; ``position`` and ``velocity``, a pair
+    for one coordinate or a list of pairs for several. By default one coordinate starts between its
+    walls, and velocities are up to what half a period of the largest acceleration gives.
 
-    Raises
-    ------
-    InputError
-        For another key, a pair that is none, or a position that has to be given.
+    Raises InputError for another key, a pair that is none, or a position that has to be given.
     """
     if box is not None and not isinstance(box, Mapping):
         raise InputError("box", f"found {short_repr(box)}", "give time, position, velocity")

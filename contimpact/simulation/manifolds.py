@@ -233,18 +233,10 @@ def grow_manifold(
 
 
 class Grower:
-    """The impact map, forwards or backwards, from an arc beside an orbit.
+    """The impact map, forwards or backwards, from an arc beside an orbit to its `end`.
 
-    Attributes
-    ----------
-    period : float
-        Of the forcing.
-    multiplier : float
-    growth : float
-        By which a lap stretches the arc. A lap goes twice around the orbit where the multiplier is
-        negative, so that it leads back to the same side.
-    end : float
-        Where the arc ends.
+    A lap stretches the arc by `growth`. It goes twice around the orbit where the multiplier is
+    negative, so that it leads back to the same side.
     """
 
     def __init__(self, orbit: Orbit, stable: bool) -> None:

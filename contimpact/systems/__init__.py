@@ -34,20 +34,10 @@ PLUGINS = "contimpact.systems"
 def system(
     name: str, where: str = "system", own: Mapping[str, type[Model]] | None = None
 ) -> type[Model]:
-    """Return the class of a system by the name scenes use.
+    """Return the class of a system by the name scenes use, also of the user's `own`; errors name
+    the place `where`.
 
-    Parameters
-    ----------
-    name : str
-    where : str
-        The place named in an error.
-    own : mapping of str to type, optional
-        Systems of the user's own, by name.
-
-    Raises
-    ------
-    InputError
-        If there is no such system, or the plugin that offers it cannot be loaded.
+    Raises InputError if there is no such system, or the plugin that offers it cannot be loaded.
     """
     kind = (own or {}).get(name) or find_system(name)
     if kind is None:

@@ -119,14 +119,7 @@ class Membrane:
 def velocity_scale(parameters: Mapping[str, Any]) -> Any:
     """Return A pi/(M omega), the dimensional velocity of one unit of the impact pair's, m/s.
 
-    Parameters
-    ----------
-    parameters : mapping of str to float or ndarray
-
-    Raises
-    ------
-    InputError
-        If the parameters are not those of an impact pair.
+    Raises InputError if the parameters are not those of an impact pair.
     """
     try:
         amplitude, mass, omega = (parameters[name] for name in ("A", "M", "omega"))
