@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from .plots.curves import plot_curves as plot_curves
     from .plots.curves import plot_transitions as plot_transitions
     from .plots.diagram import plot_diagram as plot_diagram
-    from .plots.fit import plot_fit as plot_fit
+    from .plots.orbit import plot_fit as plot_fit
     from .plots.orbit import plot_orbit as plot_orbit
     from .results.branch import Branch as Branch
     from .results.branch import Entry as Entry
@@ -191,7 +191,7 @@ _PLACES = {
     "load_diagram": "results.catalogue",
     "write_diagram": "results.catalogue",
     "plot_diagram": "plots.diagram",
-    "plot_fit": "plots.fit",
+    "plot_fit": "plots.orbit",
     "plot_orbit": "plots.orbit",
     "plot_sweep": "plots.attractors",
     "plot_transitions": "plots.curves",

@@ -318,7 +318,7 @@ def parser() -> argparse.ArgumentParser:
 
     completion = add(
         "completion",
-        "completion.command",
+        "manual.completion",
         "print the completion of a shell",
         'eval "$(contimpact completion bash)"',
     )

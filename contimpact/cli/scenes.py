@@ -53,7 +53,7 @@ def fit(options: argparse.Namespace) -> int:
     say(repr(found))
     if options.output:
         from ..plots.diagram import write_figure
-        from ..plots.fit import plot_fit
+        from ..plots.orbit import plot_fit
 
         write_figure(plot_fit(found)[0].figure, target, kind, scene.name)
         say(f"written to {target}")
@@ -95,8 +95,8 @@ def design(options: argparse.Namespace) -> int:
 
 def report(options: argparse.Namespace) -> int:
     """Measure error against run time; returns the exit status."""
-    from ..accuracy.output import write_report
     from ..accuracy.report import report as measure
+    from ..accuracy.report import write_report
 
     scene = load_scene(options.scene, systems_of(options.system))
     with hold_folder(options.output) as folder:

@@ -39,7 +39,7 @@ from ..progress import (
 )
 from ..results.branch import Branch, Entry
 from ..results.diagram import Diagram, Limits
-from ..results.outputs import add_outputs
+from ..results.quantities import add_outputs
 from ..results.scene import Scene, load_scene, read_scene
 from ..segments.kernels import Kernels
 from .orbit_branch import Run, add_stop_test, first_step, run_born, symmetric_end, walk_both_ways

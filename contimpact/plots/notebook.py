@@ -33,9 +33,8 @@ from .attractors import (
 )
 from .curves import plot_curves
 from .diagram import plot_diagram
-from .fit import plot_fit
 from .maps import plot_map
-from .orbit import plot_orbit
+from .orbit import plot_fit, plot_orbit
 from .ranges import plot_ranges
 
 DRAWN = (

@@ -7,8 +7,8 @@ together: those of impacts are called as their walls.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -16,9 +16,13 @@ import numpy as np
 from ..arrays import Array
 from ..bifurcations.registry import kind_of
 from ..errors import InputError, short_repr
+from ..models.model import Model
+from ..models.outputs import Output
+from ..orbits.outputs import means_of
 from ..segments.kernels import Kernels
 from ..systems.membrane import Membrane, velocity_scale
-from .branch import Branch, model_at
+from .branch import Branch, model_at, orbit_at
+from .scene import OUTPUT_ERROR
 
 # The vocabulary that pictures and the page share: how names are written, which colour a wall has.
 #
@@ -234,3 +238,26 @@ def _check_columns(branch: Branch, values: Any) -> Array:
         found = f"its function returned {short_repr(values)} on branch {branch.id}"
         raise InputError("y", found, f"return {len(branch)} numbers, one for each point")
     return rows.reshape(len(branch), -1)
+
+
+# Means of the outputs that a scene states, as columns of branches.
+
+
+def add_outputs(branch: Branch, outputs: Sequence[Output], model: Model) -> Branch:
+    """Return a branch with a column for the mean of each output, and one for its error.
+
+    Where an orbit cannot be computed again from its row they are not numbers, and a note says so.
+    """
+    rows, lost = np.full((len(branch), len(outputs), 2), np.nan), 0
+    for row in range(len(branch)):
+        try:
+            orbit = orbit_at(branch, row, model)
+        except InputError:
+            lost += 1
+            continue
+        rows[row] = means_of(orbit.linearisation, outputs, orbit.model)
+    columns: dict[str, Any] = dict(branch.columns)
+    for k, output in enumerate(outputs):
+        columns |= {output.name: rows[:, k, 0], output.name + OUTPUT_ERROR: rows[:, k, 1]}
+    note = f"outputs are missing at {lost} rows, whose orbits do not solve their equations"
+    return replace(branch, columns=columns, notes=[*branch.notes, *[note] * bool(lost)])

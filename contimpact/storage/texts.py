@@ -41,14 +41,14 @@ Json: TypeAlias = bool | int | float | str | Sequence["Json"] | Mapping[str, "Js
 
 def json_text(content: Json) -> str:
     """Return readable JSON with no number that is not finite; lists of numbers are in one line."""
-    text = json.dumps(_finite(content), indent=1, allow_nan=False, ensure_ascii=False)
+    text = json.dumps(finite(content), indent=1, allow_nan=False, ensure_ascii=False)
     text = _NUMBERS.sub(lambda found: " ".join(found[0].split()), text)
     return f"{_visible(text)}\n"
 
 
 def json_line(content: Json) -> str:
     """Return JSON in one line; numbers that are not finite are texts."""
-    return _visible(json.dumps(_finite(content, repr), allow_nan=False, ensure_ascii=False))
+    return _visible(json.dumps(finite(content, repr), allow_nan=False, ensure_ascii=False))
 
 
 def _visible(text: str) -> str:
@@ -56,14 +56,14 @@ def _visible(text: str) -> str:
     return _INVISIBLE.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
-def _finite(value: Any, instead: Callable[[float], Any] = lambda value: None) -> Any:
+def finite(value: Any, instead: Callable[[float], Any] = lambda value: None) -> Any:
     """Plain data with every number that is not finite replaced."""
     if isinstance(value, float):
         return value if math.isfinite(value) else instead(value)
     if isinstance(value, Mapping):
-        return {name: _finite(v, instead) for name, v in value.items()}
+        return {name: finite(v, instead) for name, v in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(v, instead) for v in value]
+        return [finite(v, instead) for v in value]
     return value
 
 

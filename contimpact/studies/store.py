@@ -13,6 +13,7 @@ import json
 import re
 import sqlite3
 import urllib.parse
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -262,6 +263,16 @@ def row_of(table: str, one: Any, **known: Any) -> dict[str, Any]:
     called so."""
     names = (name for name in COLUMNS[table] if name not in ("study", "scene"))
     return {name: known[name] if name in known else getattr(one, name) for name in names}
+
+
+def compress_text(text: str) -> bytes:
+    """Return a text compressed."""
+    return zlib.compress(text.encode(), 9)
+
+
+def decompress_text(content: bytes) -> str:
+    """Return the text that `compress_text` has compressed."""
+    return zlib.decompress(content).decode()
 
 
 @dataclass(frozen=True)

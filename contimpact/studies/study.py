@@ -27,8 +27,7 @@ from ..models.word import is_rotation
 from ..results.scene import read_scene
 from ..simulation.attractor import Attractor, Kind
 from ..simulation.sweep import Row, Simulators, Sweep
-from .outcome import decompress_text
-from .store import OF_SCENES, STEPS, Store, open_store, refusal, schema_version
+from .store import OF_SCENES, STEPS, Store, decompress_text, open_store, refusal, schema_version
 from .study_file import StudyFile, read_study
 
 if TYPE_CHECKING:

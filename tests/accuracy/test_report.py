@@ -15,9 +15,14 @@ from contimpact.accuracy import report as long_words
 from contimpact.accuracy import report as module
 from contimpact.accuracy import shooting as contestant
 from contimpact.accuracy import shooting as timing
-from contimpact.accuracy.output import _budget_note, _event_table, _simulation_table
 from contimpact.accuracy.reference import Reference
-from contimpact.accuracy.report import compare_estimates, measure_events
+from contimpact.accuracy.report import (
+    _budget_note,
+    _event_table,
+    _simulation_table,
+    compare_estimates,
+    measure_events,
+)
 from contimpact.accuracy.shooting import EXPLICIT, IMPLICIT, MOST_EVALUATIONS, Shooting
 from contimpact.accuracy.simulated import measure_simulation
 from contimpact.cli import main

@@ -402,7 +402,7 @@ def test_a_scene_says_what_is_proven():
 
 
 def test_the_report_says_what_proofs_cost():
-    from contimpact.accuracy.output import _proof_table
+    from contimpact.accuracy.report import _proof_table
     from contimpact.accuracy.report import measure_certificates as measured
 
     assert measured(scene(), lambda text: None) is None

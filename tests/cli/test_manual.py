@@ -11,8 +11,7 @@ import pytest
 from zoo import ROOT
 
 from contimpact.cli import commands_of, main, parser
-from contimpact.cli.completion import script
-from contimpact.cli.manual import manual
+from contimpact.cli.manual import manual, script
 
 COMMANDS = list(commands_of(parser()))
 

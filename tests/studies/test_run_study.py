@@ -25,9 +25,8 @@ from contimpact.results.catalogue import branch_text, catalogue_text, curve_text
 from contimpact.simulation.energy import attractor_voltages
 from contimpact.studies import executors, run, worker
 from contimpact.studies import worker as budget
-from contimpact.studies.outcome import decompress_text
 from contimpact.studies.run import WorkersLostError
-from contimpact.studies.store import Store
+from contimpact.studies.store import Store, decompress_text
 from contimpact.studies.study import Study
 from contimpact.studies.study_file import read_study
 from contimpact.studies.worker import BudgetError, Task, compute
