@@ -19,6 +19,27 @@ from .. import __version__
 from ..errors import InputError, NotWrittenError, each_once
 from .terminal import complain, raise_on_termination, say
 
+EXAMPLES = {
+    "check": "contimpact check branches/fig7/scene.toml",
+    "new": "contimpact new impact-pair",
+    "systems": "contimpact systems",
+    "run": "contimpact run branches/fig7/scene.toml -o out/fig7",
+    "simulate": "contimpact simulate branches/fig7/scene.toml -o out/fig7/simulation --resume",
+    "report": "contimpact report branches/fig7/scene.toml -o out/fig7/report -n 3",
+    "certify": "contimpact certify out/fig7",
+    "catalogue": "contimpact catalogue out/fig7 out/fig8 -o out/both",
+    "study": "contimpact study branches/atlas/A5.toml -o competition.sqlite --workers 2",
+    "export": "contimpact export competition.sqlite -o out/tables --format csv.gz --table events",
+    "atlas": "contimpact atlas competition.sqlite -o out/maps --quantity mechanism --axes beta r",
+    "plot": "contimpact plot out/fig7 -x d -y multipliers --xlim 0.13 0.25 -o multipliers.svg",
+    "view": "contimpact view out/fig7",
+    "range": "contimpact range out/fig7 --at 0.3 --at 0.356",
+    "fit": "contimpact fit branches/fig8/scene.toml impacts.csv --parameter r -o residuals.png",
+    "design": "contimpact design examples/harvester.toml -o design.csv",
+    "completion": 'eval "$(contimpact completion bash)"',
+}
+"""An example for every command, as its help and the manual show it."""
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
@@ -69,269 +90,173 @@ def parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"contimpact {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
-    def add(name: str, function: str, help: str, example: str) -> argparse.ArgumentParser:
-        """A command, the function that it calls, and an example that ends its help."""
-        raw = argparse.RawDescriptionHelpFormatter
-        found = commands.add_parser(
-            name, help=help, epilog=f"example:\n  {example}", formatter_class=raw
-        )
+    def add(name: str, function: str, help: str) -> argparse.ArgumentParser:
+        """A command, and the function that it calls; an example ends its help."""
+        raw, example = argparse.RawDescriptionHelpFormatter, f"example:\n  {EXAMPLES[name]}"
+        found = commands.add_parser(name, help=help, epilog=example, formatter_class=raw)
         found.set_defaults(function=function)
         return found
 
-    check = add(
-        "check",
-        "check.command",
-        "validate a scene and say what would run",
-        "contimpact check branches/fig7/scene.toml",
-    )
-    check.add_argument("scene", metavar="SCENE", help="a scene file (TOML)")
+    check = add("check", "check.command", "validate a scene and say what would run")
+    argument(check, "scene SCENE", "a scene file (TOML)")
 
-    new = add(
-        "new",
-        "scenes.new",
-        "print a commented scene of a system to start from",
-        "contimpact new impact-pair",
-    )
-    new.add_argument("kind", metavar="SYSTEM", help="its name, as contimpact systems lists them")
+    new = add("new", "scenes.new", "print a commented scene of a system to start from")
+    argument(new, "kind SYSTEM", "its name, as contimpact systems lists them")
 
-    systems = add(
-        "systems",
-        "scenes.new",
-        "list the systems that scenes can name",
-        "contimpact systems",
-    )
+    systems = add("systems", "scenes.new", "list the systems that scenes can name")
     systems.set_defaults(kind=None)
 
-    run = add(
-        "run",
-        "run.command",
-        "follow the branches of scenes and write the results",
-        "contimpact run branches/fig7/scene.toml -o out/fig7",
-    )
-    run.add_argument("scenes", metavar="SCENE", nargs="+", help="scene files (TOML)")
-    run.add_argument(
-        "-o",
-        "--output",
-        metavar="DIR",
+    run = add("run", "run.command", "follow the branches of scenes and write the results")
+    argument(run, "scenes SCENE", "scene files (TOML)", nargs="+")
+    argument(
+        run,
+        "-o --output DIR",
+        "folder to write to; with several scenes, each has a folder of its name in it",
         required=True,
-        help="folder to write to; with several scenes, each has a folder of its name in it",
     )
-    run.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
-    run.add_argument(
-        "--ghosts", action="store_true", help="list the events that are ghosts, not only count them"
-    )
-    run.add_argument("--no-plot", action="store_true", help="leave the diagram out")
-    run.add_argument("--html", action="store_true", help="also write the page diagram.html")
+    argument(run, "-q --quiet", "print nothing but errors")
+    argument(run, "--ghosts", "list the events that are ghosts, not only count them")
+    argument(run, "--no-plot", "leave the diagram out")
+    argument(run, "--html", "also write the page diagram.html")
 
-    simulate = add(
-        "simulate",
-        "simulate.command",
-        "simulate a scene's attractors",
-        "contimpact simulate branches/fig7/scene.toml -o out/fig7/simulation --resume",
-    )
-    simulate.add_argument("scene", metavar="SCENE", help="a scene file (TOML) with [simulate]")
-    simulate.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write to")
-    simulate.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
-    simulate.add_argument("--no-plot", action="store_true", help="leave pictures out")
-    simulate.add_argument("--html", action="store_true", help="also write the page diagram.html")
-    simulate.add_argument(
-        "--resume", action="store_true", help="continue what an interrupted run has left in DIR"
-    )
+    simulate = add("simulate", "simulate.command", "simulate a scene's attractors")
+    argument(simulate, "scene SCENE", "a scene file (TOML) with [simulate]")
+    argument(simulate, "-o --output DIR", "folder to write to", required=True)
+    argument(simulate, "-q --quiet", "print nothing but errors")
+    argument(simulate, "--no-plot", "leave pictures out")
+    argument(simulate, "--html", "also write the page diagram.html")
+    argument(simulate, "--resume", "continue what an interrupted run has left in DIR")
 
-    report = add(
-        "report",
-        "scenes.report",
-        "measure error against run time for a scene",
-        "contimpact report branches/fig7/scene.toml -o out/fig7/report -n 3",
-    )
-    report.add_argument("scene", metavar="SCENE", help="a scene file (TOML)")
-    report.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write to")
-    report.add_argument(
-        "-n", "--repetitions", metavar="N", type=int, default=5, help="of each timing (default 5)"
-    )
-    report.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
-    report.add_argument("--no-plot", action="store_true", help="leave the plots out")
+    report = add("report", "scenes.report", "measure error against run time for a scene")
+    argument(report, "scene SCENE", "a scene file (TOML)")
+    argument(report, "-o --output DIR", "folder to write to", required=True)
+    argument(report, "-n --repetitions N", "of each timing (default 5)", type=int, default=5)
+    argument(report, "-q --quiet", "print nothing but errors")
+    argument(report, "--no-plot", "leave the plots out")
 
-    certify = add(
-        "certify",
-        "certify.command",
-        "prove what a catalogue says",
-        "contimpact certify out/fig7",
-    )
-    certify.add_argument(
-        "target", metavar="SCENE|DIR", help="a scene file (TOML) to run first, or a folder"
-    )
-    certify.add_argument("-o", "--output", metavar="DIR", help="folder to write to, with a scene")
-    certify.add_argument(
-        "--verify", action="store_true", help="repeat the proofs that are stored in DIR"
-    )
-    certify.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
-    certify.add_argument("--no-plot", action="store_true", help="leave the diagram out")
+    certify = add("certify", "certify.command", "prove what a catalogue says")
+    argument(certify, "target SCENE|DIR", "a scene file (TOML) to run first, or a folder")
+    argument(certify, "-o --output DIR", "folder to write to, with a scene")
+    argument(certify, "--verify", "repeat the proofs that are stored in DIR")
+    argument(certify, "-q --quiet", "print nothing but errors")
+    argument(certify, "--no-plot", "leave the diagram out")
 
-    merge = add(
-        "catalogue",
-        "folders.catalogue",
-        "merge the catalogues of several folders",
-        "contimpact catalogue out/fig7 out/fig8 -o out/both",
-    )
-    merge.add_argument("folders", metavar="DIR", nargs="+", help="folders written by run")
-    merge.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write to")
+    merge = add("catalogue", "folders.catalogue", "merge the catalogues of several folders")
+    argument(merge, "folders DIR", "folders written by run", nargs="+")
+    argument(merge, "-o --output DIR", "folder to write to", required=True)
 
-    study = add(
-        "study",
-        "study.study",
-        "compute the scenes of a study into a store",
-        "contimpact study branches/atlas/A5.toml -o competition.sqlite --workers 2",
-    )
-    study.add_argument("study", metavar="STUDY", help="a study file (TOML)")
-    study.add_argument(
-        "-o", "--output", metavar="STORE", required=True, help="store to write to, or to continue"
-    )
-    study.add_argument(
-        "-w", "--workers", metavar="N", type=int, help="processes (default all cores)"
-    )
-    study.add_argument(
-        "--scheduler", metavar="ADDRESS", help="compute on a Dask scheduler's workers"
-    )
-    study.add_argument("--mpi", action="store_true", help="compute on the processes of an MPI run")
-    study.add_argument("--again", action="store_true", help="try scenes again that have failed")
-    study.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
+    study = add("study", "study.study", "compute the scenes of a study into a store")
+    argument(study, "study STUDY", "a study file (TOML)")
+    argument(study, "-o --output STORE", "store to write to, or to continue", required=True)
+    argument(study, "-w --workers N", "processes (default all cores)", type=int)
+    argument(study, "--scheduler ADDRESS", "compute on a Dask scheduler's workers")
+    argument(study, "--mpi", "compute on the processes of an MPI run")
+    argument(study, "--again", "try scenes again that have failed")
+    argument(study, "-q --quiet", "print nothing but errors")
 
-    export = add(
-        "export",
-        "study.export",
-        "write the tables of a store as files",
-        "contimpact export competition.sqlite -o out/tables --format csv.gz --table events",
-    )
-    export.add_argument("store", metavar="STORE", help="a store written by study")
-    export.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write to")
-    export.add_argument(
+    export = add("export", "study.export", "write the tables of a store as files")
+    argument(export, "store STORE", "a store written by study")
+    argument(export, "-o --output DIR", "folder to write to", required=True)
+    argument(
+        export,
         "--format",
+        "of the files (default csv)",
         choices=("csv", "csv.gz", "json", "parquet"),
         default="csv",
-        help="of the files (default csv)",
     )
-    export.add_argument("--study", metavar="NAME", action="append", help="these studies alone")
-    export.add_argument("--table", metavar="NAME", action="append", help="these tables alone")
-    columns: dict[str, Any] = {"metavar": "A,B,...", "type": lambda text: text.split(",")}
-    export.add_argument("--columns", help="these columns alone", **columns)
-    export.add_argument("--digits", metavar="N", type=int, help="significant digits (default all)")
-    export.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
+    argument(export, "--study NAME", "these studies alone", action="append")
+    argument(export, "--table NAME", "these tables alone", action="append")
+    argument(export, "--columns A,B,...", "these columns alone", type=lambda text: text.split(","))
+    argument(export, "--digits N", "significant digits (default all)", type=int)
+    argument(export, "-q --quiet", "print nothing but errors")
 
-    atlas = add(
-        "atlas",
-        "study.atlas",
-        "draw maps of studies over two of their axes",
-        "contimpact atlas competition.sqlite -o out/maps --quantity mechanism --axes beta r",
+    atlas = add("atlas", "study.atlas", "draw maps of studies over two of their axes")
+    argument(atlas, "store STORE", "a store written by study")
+    argument(atlas, "-o --output DIR", "folder to write to", required=True)
+    argument(atlas, "--study NAME", "of these studies alone", action="append")
+    argument(atlas, "--quantity NAME", "these alone", action="append")
+    argument(atlas, "--axes X Y", "default: the study's first two")
+    argument(atlas, "--orbit N:M", "of this orbit (default 1:1)", default="1:1")
+    argument(atlas, "--at NAME=VALUE", "value of another axis", action="append", default=[])
+    argument(
+        atlas,
+        "--format",
+        "of the maps (default png)",
+        action="append",
+        choices=("png", "svg", "pdf"),
     )
-    atlas.add_argument("store", metavar="STORE", help="a store written by study")
-    atlas.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write to")
-    atlas.add_argument("--study", metavar="NAME", action="append", help="of these studies alone")
-    atlas.add_argument("--quantity", metavar="NAME", action="append", help="these alone")
-    atlas.add_argument("--axes", nargs=2, metavar=("X", "Y"), help="default: the study's first two")
-    atlas.add_argument("--orbit", metavar="N:M", default="1:1", help="of this orbit (default 1:1)")
-    atlas.add_argument(
-        "--at", metavar="NAME=VALUE", action="append", default=[], help="value of another axis"
-    )
-    atlas.add_argument(
-        "--format", action="append", choices=("png", "svg", "pdf"), help="of the maps (default png)"
-    )
-    atlas.add_argument("--no-plot", action="store_true", help="write the tables alone")
-    atlas.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
+    argument(atlas, "--no-plot", "write the tables alone")
+    argument(atlas, "-q --quiet", "print nothing but errors")
 
-    plot = add(
-        "plot",
-        "folders.plot",
-        "draw a folder's diagram, with its attractors",
-        "contimpact plot out/fig7 -x d -y multipliers --xlim 0.13 0.25 -o multipliers.svg",
-    )
-    plot.add_argument("folder", metavar="DIR", help="folder written by run or simulate")
-    plot.add_argument(
-        "-o", "--output", metavar="FILE", help="file to write (svg, png, pdf or html)"
-    )
-    plot.add_argument("--html", action="store_true", help="write the page: DIR/diagram.html")
-    plot.add_argument(
-        "-x", metavar="NAME", help="parameter on the x axis, otherwise the one in the scene"
-    )
-    plot.add_argument(
-        "-y", metavar="NAME", help="quantity on the y axis, such as multipliers, or a column"
-    )
-    limits: dict[str, Any] = {"nargs": 2, "type": float, "metavar": ("LOW", "HIGH")}
-    plot.add_argument("--xlim", help="limits of the x axis", **limits)
-    plot.add_argument("--ylim", help="limits of the y axis", **limits)
+    plot = add("plot", "folders.plot", "draw a folder's diagram, with its attractors")
+    argument(plot, "folder DIR", "folder written by run or simulate")
+    argument(plot, "-o --output FILE", "file to write (svg, png, pdf or html)")
+    argument(plot, "--html", "write the page: DIR/diagram.html")
+    argument(plot, "-x NAME", "parameter on the x axis, otherwise the one in the scene")
+    argument(plot, "-y NAME", "quantity on the y axis, such as multipliers, or a column")
+    argument(plot, "--xlim LOW HIGH", "limits of the x axis", type=float)
+    argument(plot, "--ylim LOW HIGH", "limits of the y axis", type=float)
 
-    view = add(
-        "view",
-        "folders.view",
-        "open the page of a folder in the browser",
-        "contimpact view out/fig7",
-    )
-    view.add_argument("folder", metavar="DIR", help="folder written by run or simulate")
+    view = add("view", "folders.view", "open the page of a folder in the browser")
+    argument(view, "folder DIR", "folder written by run or simulate")
 
-    range_ = add(
-        "range",
-        "folders.ranges",
-        "say which attractors there are, and where they end",
-        "contimpact range out/fig7 --at 0.3 --at 0.356",
-    )
-    range_.add_argument("folder", metavar="DIR", help="folder written by run or simulate")
-    range_.add_argument(
-        "--at",
-        metavar="VALUE",
+    range_ = add("range", "folders.ranges", "say which attractors there are, and where they end")
+    argument(range_, "folder DIR", "folder written by run or simulate")
+    argument(
+        range_,
+        "--at VALUE",
+        "of the followed parameter: the attractors there, and how far their ends are",
         type=float,
         action="append",
         default=[],
-        help="of the followed parameter: the attractors there, and how far their ends are",
     )
-    range_.add_argument("-o", "--output", metavar="FILE", help="file to write as a table (csv)")
+    argument(range_, "-o --output FILE", "file to write as a table (csv)")
 
-    fit = add(
-        "fit",
-        "scenes.fit",
-        "estimate parameters from measured impacts",
-        "contimpact fit branches/fig8/scene.toml impacts.csv --parameter r -o residuals.png",
-    )
-    fit.add_argument("scene", metavar="SCENE", help="a scene file (TOML) with starting values")
-    fit.add_argument("data", metavar="CSV", help="columns time, velocity, wall, or some of them")
-    fit.add_argument(
-        "--parameter", metavar="NAME", action="append", required=True, help="to estimate"
-    )
-    fit.add_argument("--orbit", metavar="WORD", action="append", help="default: the scene's")
-    fit.add_argument(
-        "--deviation",
-        metavar="NAME=VALUE",
+    fit = add("fit", "scenes.fit", "estimate parameters from measured impacts")
+    argument(fit, "scene SCENE", "a scene file (TOML) with starting values")
+    argument(fit, "data CSV", "columns time, velocity, wall, or some of them")
+    argument(fit, "--parameter NAME", "to estimate", action="append", required=True)
+    argument(fit, "--orbit WORD", "default: the scene's", action="append")
+    argument(
+        fit,
+        "--deviation NAME=VALUE",
+        "standard deviation of a time, or of a velocity (default: from the residuals)",
         action="append",
         default=[],
-        help="standard deviation of a time, or of a velocity (default: from the residuals)",
     )
-    fit.add_argument("--no-clock", action="store_true", help="times are those of the model's clock")
-    fit.add_argument("-o", "--output", metavar="FILE", help="picture of the residuals to write")
+    argument(fit, "--no-clock", "times are those of the model's clock")
+    argument(fit, "-o --output FILE", "picture of the residuals to write")
 
-    design = add(
-        "design",
-        "scenes.design",
-        "maximise an output at a margin from bifurcations",
-        "contimpact design examples/harvester.toml -o design.csv",
-    )
-    design.add_argument("scene", metavar="SCENE", help="a scene file (TOML) with [design]")
-    design.add_argument("-o", "--output", metavar="FILE", help="file to write as a table (csv)")
+    design = add("design", "scenes.design", "maximise an output at a margin from bifurcations")
+    argument(design, "scene SCENE", "a scene file (TOML) with [design]")
+    argument(design, "-o --output FILE", "file to write as a table (csv)")
 
-    completion = add(
-        "completion",
-        "manual.completion",
-        "print the completion of a shell",
-        'eval "$(contimpact completion bash)"',
-    )
-    completion.add_argument("shell", choices=["bash", "zsh", "fish"], help="the shell")
+    completion = add("completion", "manual.completion", "print the completion of a shell")
+    argument(completion, "shell", "the shell", choices=["bash", "zsh", "fish"])
     for command in (check, run, simulate, report, plot, range_, fit, design):
-        command.add_argument(
-            "--system",
-            metavar="FILE",
+        argument(
+            command,
+            "--system FILE",
+            "Python file that defines a system of your own; may be given several times",
             action="append",
             default=[],
-            help="Python file that defines a system of your own; may be given several times",
         )
     return parser
+
+
+def argument(command: argparse.ArgumentParser, spec: str, help: str, **more: Any) -> None:
+    """Add an argument, stated by its names and the names of its values, such as ``-o --output
+    DIR``; an option without values is a switch."""
+    words = spec.split()
+    names = [word for word in words if word.startswith("-")] or words[:1]
+    values = words[len(names) :]
+    if len(values) > 1:
+        more |= {"nargs": len(values), "metavar": tuple(values)}
+    elif values:
+        more["metavar"] = values[0]
+    elif words[0].startswith("-") and "choices" not in more:
+        more["action"] = "store_true"
+    command.add_argument(*names, help=help, **more)
 
 
 def commands_of(parser: argparse.ArgumentParser) -> Mapping[str, argparse.ArgumentParser]:
