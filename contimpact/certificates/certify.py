@@ -190,8 +190,10 @@ class CertificateLog:
     def add(self, certificate: EventCertificate | BranchCertificate) -> None:
         """Keep a certificate."""
         if self.path is not None:
-            branch = isinstance(certificate, BranchCertificate)
-            content = certificate.record() if branch else record(certificate)
+            if isinstance(certificate, BranchCertificate):
+                content = certificate.record()
+            else:
+                content = record(certificate)
             row: dict[str, Json] = {"of": type(certificate).__name__, "certificate": content}
             append(self.path, (json_line(row) + "\n").encode())
 

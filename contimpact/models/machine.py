@@ -457,7 +457,9 @@ class StatedSystem(Model):
     machine: ClassVar[Any]
 
     def __new__(cls, /, **given: Any) -> Self:
-        kind = cls if hasattr(cls, "machine") else _class_of(cls, str(given.get("machine", "")))
+        kind: Any = (
+            cls if hasattr(cls, "machine") else _class_of(cls, str(given.get("machine", "")))
+        )
         return object.__new__(kind)
 
     def __init__(self, /, **given: Any) -> None:
