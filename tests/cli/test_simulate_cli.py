@@ -15,6 +15,7 @@ from zoo import SMALL
 from contimpact import cli
 from contimpact.diagrams import scene_simulation
 from contimpact.errors import InputError
+from contimpact.results.result_folder import ROWS, WRITTEN, own_files
 from contimpact.results.scene import read_scene
 
 SCENE = SMALL.replace('["PD", "G"]', '["FB", "PD", "G"]')
@@ -81,7 +82,8 @@ def test_branches_energy_and_pictures(scene_file, tmp_path):
     out = tmp_path / "out"
     text = SCENE.replace("values = 7", "values = 4\nbranches = true").replace("both", "down")
     tables = {
-        "more": "portraits = [0.389, 0.34]\nbasins = [0.34]\ngrid = 3\n",
+        "more": "portraits = [0.389, 0.34]\nbasins = [0.34]\ngrid = 3\n"
+        "losses = true\nfractions = [0.34, 0.36]\nfraction_starts = 4\ncrises = true\n",
         "energy": "[energy]\nm = 0.004",
     }
     assert run(scene_file(text, **tables), "-o", out, "-q") == 0
@@ -99,6 +101,9 @@ def test_branches_energy_and_pictures(scene_file, tmp_path):
     manifest = json.loads((out / "manifest.json").read_text(encoding="utf-8"))
     assert manifest["scene"]["resolved"]["energy"]["m"] == 0.004
     assert set(manifest["files"]) <= {str(p.relative_to(out)) for p in out.rglob("*")}
+    # a later run of another scene removes all that this one has written
+    assert {"losses.csv", "fractions.csv", "fractions.png", "crises.json"} <= set(manifest["files"])
+    assert set(manifest["files"]) - set(own_files(out, WRITTEN)) == {ROWS}
 
 
 @pytest.mark.full
