@@ -12,6 +12,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import inspect
+import re
 import sys
 import types
 import typing
@@ -28,6 +29,7 @@ LARGEST_NUMBER = 1e100
 LONGEST_TEXT = 10_000
 LONGEST_LIST = 10_000
 REQUIRED: Any = dataclasses.MISSING
+_LINK = re.compile(r"\[([^\]]+)\]\([^)]+\)")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,11 +101,11 @@ def keys_of(kind: Any) -> list[tuple[dataclasses.Field[Any], Any, Key]]:
 
 
 def documented(kind: type[T]) -> type[T]:
-    """Return a dataclass whose docstring lists its keys."""
-    lines = [
-        f"{field.name} : {field.type}\n    {rule.doc[:1].upper()}{rule.doc[1:]}."
-        for field, _, rule in keys_of(typing.cast(Any, kind))
-    ]
+    """Return a dataclass whose docstring lists its keys; links of the pages are texts there."""
+    lines = []
+    for field, _, rule in keys_of(typing.cast(Any, kind)):
+        doc = _LINK.sub(r"\1", rule.doc)
+        lines.append(f"{field.name} : {field.type}\n    {doc[:1].upper()}{doc[1:]}.")
     text, raises, errors = (inspect.getdoc(kind) or "").partition("\n\nRaises")
     listed = "\n".join(["\n\nAttributes\n----------", *lines])
     kind.__doc__ = f"{text}{listed}{raises}{errors}\n"

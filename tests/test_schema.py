@@ -172,6 +172,9 @@ def test_a_key_of_a_record_is_added_in_one_place():
     rows = tool("key_tables").record_table(LongerEntry)
     assert "| `strength` | number or null | how hard it is |\n" in rows
     assert "| `reserve` | whole | only where there is one |\n" in rows
+    assert "](mathematics.md#ghosts-and-labels)" in rows
+    assert "ghost : bool\n    Whether it is a ghost.\n" in Entry.__doc__
+    assert "](" not in Entry.__doc__
 
 
 @pytest.mark.parametrize("name", [field.name for field, _, _ in keys_of(Entry)])

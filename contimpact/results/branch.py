@@ -251,7 +251,7 @@ STATES = {"positions": "position", "velocities": "velocity"}
 class Entry(ParameterItems, NotebookResult):
     """An event on a branch, as the catalogue records it; the attributes are its keys."""
 
-    id: str = column("`e1`, `e2`, …")
+    id: str = column("its name, such as `e1`")
     kind: str = column(
         "FB, BP, PD, NS, G, V, T, UZ, CR, or the name of a user's function; see "
         "[events](mathematics.md#events)"
@@ -263,8 +263,8 @@ class Entry(ParameterItems, NotebookResult):
     why: str | None = column("why it is a ghost")
     branch: str = column("the branch it lies on")
     word: str = column("walls in order; empty for the word `0`")
-    period: int = column("p, in forcing periods; 0 where the [period is free](autonomous.md)")
-    notation: str = column("n:m/pT")
+    period: int = column("in forcing periods; 0 where the [period is free](autonomous.md)")
+    notation: str = column("the orbit, as n:m/pT")
     becomes: str | None = column(
         "G, V, and T where sliding vanishes or impacts exchange their order: the word beyond, with "
         "its period if that is not 1"
@@ -446,10 +446,10 @@ UNKNOWN = STATUS.index("unknown")
 class Branch(Columns):
     """A branch of periodic orbits, as a table."""
 
-    id: str = attribute("`b1`, `b2`, …")
+    id: str = attribute("its name, such as `b1`")
     word: str = attribute("walls in order; empty for the word `0`")
-    period: int = attribute("p, in forcing periods; 0 where the [period is free](autonomous.md)")
-    notation: str = attribute("n:m/pT")
+    period: int = attribute("in forcing periods; 0 where the [period is free](autonomous.md)")
+    notation: str = attribute("the orbit, as n:m/pT")
     system: str = attribute("the model, by its name")
     options: Mapping[str, str] = attribute("the texts that shape its formulas")
     parameter: str = attribute("the followed parameter")

@@ -144,12 +144,12 @@ class Codim2:
 class Curve(Columns):
     """A curve of bifurcations, as a table."""
 
-    id: str = attribute("`c1`, `c2`, …")
+    id: str = attribute("its name, such as `c1`")
     kind: str = attribute("the kind of bifurcation")
     label: str = attribute("the label of the entry it was started from")
     word: str = attribute("walls of its orbits in order")
-    period: int = attribute("p, in forcing periods")
-    notation: str = attribute("n:m/pT")
+    period: int = attribute("in forcing periods")
+    notation: str = attribute("the orbit, as n:m/pT")
     parameters: tuple[str, ...] = attribute(
         "the branch's parameter and the second one; on curves of points of codimension two "
         "also the third one"
