@@ -251,10 +251,9 @@ STATES = {"positions": "position", "velocities": "velocity"}
 class Entry(ParameterItems, NotebookResult):
     """An event on a branch, as the catalogue records it; the attributes are its keys."""
 
-    id: str = column("its name, such as `e1`")
+    id: str = column("such as `e1`")
     kind: str = column(
-        "FB, BP, PD, NS, G, V, T, UZ, CR, or the name of a user's function; see "
-        "[events](mathematics.md#events)"
+        "FB, BP, PD, NS, G, V, T, UZ, CR, or a user's; see [events](mathematics.md#events)"
     )
     ghost: bool = column("whether it is a [ghost](mathematics.md#ghosts-and-labels)")
     label: str = column(
@@ -262,19 +261,17 @@ class Entry(ParameterItems, NotebookResult):
     )
     why: str | None = column("why it is a ghost")
     branch: str = column("the branch it lies on")
-    word: str = column("walls in order; empty for the word `0`")
-    period: int = column("in forcing periods; 0 where the [period is free](autonomous.md)")
-    notation: str = column("the orbit, as n:m/pT")
+    word: str = column("of its branch")
+    period: int = column("of its branch")
+    notation: str = column("of its branch")
     becomes: str | None = column(
         "G, V, and T where sliding vanishes or impacts exchange their order: the word beyond, with "
         "its period if that is not 1"
     )
-    order: int | None = column(
-        "G: the number of impacts added; more than one where several flights touch at once"
-    )
+    order: int | None = column("G: impacts added; several where several flights touch at once")
     criticality: str | None = column(
-        "G and PD: [`supercritical` or `subcritical`](mathematics.md#criticality); null where it "
-        "is not known"
+        "G and PD: [`supercritical` or `subcritical`](mathematics.md#criticality); null where "
+        "unknown"
     )
     slope: float | None = column(
         "G: derivative of the new impact's velocity, towards its wall, by the followed parameter; "
@@ -299,13 +296,11 @@ class Entry(ParameterItems, NotebookResult):
         "section coordinates `x1_`, `v1_`, …"
     )
     multipliers: Sequence[tuple[float, float] | None] = attribute(
-        "pairs of real and imaginary part, largest first; null for an infinite multiplier. At "
-        "V: of the orbit without the vanishing impact"
+        "pairs of real and imaginary part, largest first; null for an infinite one. At V: of the "
+        "orbit without the vanishing impact"
     )
-    multipliers_before: Sequence[tuple[float, float] | None] = attribute(
-        "the same at the neighbouring point before"
-    )
-    multipliers_after: Sequence[tuple[float, float] | None] = attribute("and at the one after")
+    multipliers_before: Sequence[tuple[float, float] | None] = attribute("at the point before")
+    multipliers_after: Sequence[tuple[float, float] | None] = attribute("at the point after")
     n_unstable: int = column("multipliers outside the unit circle, without the event's own")
     stable: bool = column("whether `n_unstable` is 0")
     physical: bool = column("whether the orbit is physical but for the event's own touch or impact")
@@ -322,16 +317,14 @@ class Entry(ParameterItems, NotebookResult):
         None,
     )
     opens: Sequence[str] = attribute("branches born here", (), column=True)
-    system: str | None = attribute("the system; null where an earlier version does not say", None)
-    options: Mapping[str, str] = attribute(
-        "the texts that shape its formulas, such as the forcing", {}
-    )
+    system: str | None = attribute("the model", None)
+    options: Mapping[str, str] = attribute("texts that shape its formulas", {})
     nu: float | None = attribute(
         "of BP alone: [what would unfold the crossing](mathematics.md#jumps-and-near-misses), zero "
         "within its error; newer",
         None,
     )
-    nu_error: float | None = attribute("its estimated error; newer", None)
+    nu_error: float | None = attribute("its error; newer", None)
     certified_radius: float | None = attribute(
         "only where the entry is [certified](certificates.md): radius of the proven enclosure of "
         "the followed parameter",
