@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.patches import Patch
 
+from ..arrays import Array
 from ..errors import InputError, explain_arguments
 from ..models.model import Model
 from ..orbits.orbit import Orbit
@@ -725,7 +726,10 @@ def plot_fractions(
     name = x or found.parameter
     places = [next(iter(there.values())).parameters[name] for there in found.attractors]
     handles = _draw_bands(ax, found.shares, dict(zip(found.values, places, strict=True)))
-    ax.set_xlim(min(places), max(places))
+    across = _across(np.array(places))
+    ax.set_xlim(across.min(), across.max())
+    if len(places) == 1:
+        ax.set_xticks(places)
     counted = f"{found.starts} starts, {100 * found.confidence:g} % intervals"
     ax.set_title(counted, fontsize=8, loc="right")
     _label(ax, name, unit, "basin fraction")
@@ -733,10 +737,15 @@ def plot_fractions(
     return ax
 
 
+def _across(x: Array) -> Array:
+    """Return the places between which bands are drawn: about a single one, a hundredth of it."""
+    return x if len(x) > 1 else x + 0.005 * (abs(x[0]) or 1.0) * np.array([-1.0, 1.0])
+
+
 def _draw_bands(ax: Any, shares: Sequence[Share], places: Mapping[float, float]) -> list[Any]:
     """Draw stacked bands at the places of the values; returns what a legend has of them."""
     handles, x = [], np.array(list(places.values()))
-    under = np.zeros(len(x))
+    under, across = np.zeros(len(x)), _across(x)
     for number in sorted({share.motion for share in shares}):
         own = {share.value: share for share in shares if share.motion == number}
         k = number - 1
@@ -747,7 +756,9 @@ def _draw_bands(ax: Any, shares: Sequence[Share], places: Mapping[float, float])
             [(s.fraction, s.low, s.high) for s in (own.get(value, none) for value in places)]
         ).T
         top = under + part
-        ax.fill_between(x, under, top, **look)
+        ax.fill_between(
+            across, np.resize(under, across.shape), np.resize(top, across.shape), **look
+        )
         inside = (part > 0.0) & (top < 1.0 - 1e-9)
         bars = {"fmt": "none", "ecolor": "k", "elinewidth": 0.8, "capsize": 2.0}
         errors = np.array([part - low, high - part])[:, inside]

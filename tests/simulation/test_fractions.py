@@ -14,7 +14,7 @@ from zoo import ROOT, TWO_MASSES
 import contimpact as ci
 from contimpact.cli import main
 from contimpact.errors import InputError
-from contimpact.plots.attractors import plot_sweep
+from contimpact.plots.attractors import plot_fractions, plot_sweep
 from contimpact.simulation import fractions
 from contimpact.simulation.fractions import basin_fractions, join_values, start_box
 from contimpact.simulation.settle import settle_again
@@ -95,6 +95,17 @@ def test_intervals_are_exact(found):
     ):
         exact = stats.binomtest(int(k), 40).proportion_ci(0.95, method="exact")
         assert interval == pytest.approx((exact.low, exact.high), abs=1e-12)
+
+
+def test_bands_of_a_single_value_have_a_width():
+    found = basin_fractions(PAIR, "s", [0.3562], starts=12)
+    ax = plot_fractions(found)
+    low, high = ax.get_xlim()
+    assert low < 0.3562 < high < 0.36
+    assert ax.get_xticks().tolist() == [0.3562]
+    tops = [band.get_paths()[0].vertices for band in ax.collections if band.get_hatch() is not None]
+    assert all(np.ptp(band[:, 0]) == pytest.approx(high - low) for band in tops)
+    assert max(band[:, 1].max() for band in tops) == pytest.approx(1.0)
 
 
 @pytest.mark.full
