@@ -158,7 +158,7 @@ def eliminate(
     p00, p01, p10, p11 = b[2], b[3], b[4], b[5]
     q00, q01, q10, q11 = b[6], b[7], b[8], b[9]
     if exact:
-        q00 = arrival_rate(z, 0, arrivals, span, q00)
+        q00 = arrival_rate(z, 0, 2, arrivals, span, q00)
     l0, l1 = b[10], b[11]
     f0, f1 = -right * b[0], -right * b[1]
     sign, logarithm = 1.0, 0.0
@@ -167,7 +167,7 @@ def eliminate(
         g0, g1, u2, x21, u3, x31, b00, b01, b10, b11, m0, m1 = blocks[k]
         x01, x11 = q01, q11
         if exact:
-            b00 = arrival_rate(z, k, arrivals, span, b00)
+            b00 = arrival_rate(z, k, 2, arrivals, span, b00)
         g0, g1 = -right * g0, -right * g1
         u0, u1 = q00, q10
         norm = math.sqrt(u0 * u0 + u1 * u1 + u2 * u2 + u3 * u3)
@@ -224,18 +224,17 @@ def eliminate(
     return (p00, p01, p10, p11, q00, q01, q10, q11, l0, l1, f0, f1, sign, logarithm, ratio)
 
 
-def arrival_rate(z: Vector, k: int, arrivals: Vector, span: float, slope: float) -> float:
-    """Return the derivative of the arrival of flight k by its time, from the unknowns.
+def arrival_rate(z: Vector, k: int, m: int, arrivals: Vector, span: float, slope: float) -> float:
+    """Return the derivative of the arrival of flight k by its time, from m unknowns per impact.
 
     It is the velocity, and on flights back to the surface left the velocity over the duration.
     `slope`, what the kernel says, stands where that is zero, or about to vanish with the velocity.
     """
-    i = 2 * k
     last = k + 1 == len(arrivals)
-    velocity = z[1] if last else z[i + 3]
+    velocity = z[1] if last else z[m * (k + 1) + 1]
     if arrivals[k] == ELSEWHERE:
         return velocity
-    duration = (z[0] + span if last else z[i + 2]) - z[i]
+    duration = (z[0] + span if last else z[m * (k + 1)]) - z[m * k]
     if arrivals[k] == MEETING and abs(duration) < BRIEF * span:
         return slope
     return velocity / duration if duration != 0.0 else slope

@@ -17,8 +17,7 @@ from collections.abc import Callable
 
 from ..arrays import Table, Vector
 from ..segments.layout import Blocks, Setup
-from ..segments.segment import ELSEWHERE, MEETING
-from .block_cyclic import BRIEF, store
+from .block_cyclic import arrival_rate, store
 
 
 def block_size(m: int) -> int:
@@ -78,21 +77,6 @@ def assemble(
             size = max(size, abs(rows[i]))
             total += abs(rows[i])  # a maximum may lose what is not a number, a sum does not
     return size if total - total == 0.0 else math.nan
-
-
-def arrival_rate(z: Vector, k: int, m: int, arrivals: Vector, span: float, slope: float) -> float:
-    """Return the derivative of the arrival of flight k by its time, from the unknowns.
-
-    As `block_cyclic.arrival_rate`.
-    """
-    last = k + 1 == len(arrivals)
-    velocity = z[1] if last else z[m * (k + 1) + 1]
-    if arrivals[k] == ELSEWHERE:
-        return velocity
-    duration = (z[0] + span if last else z[m * (k + 1)]) - z[m * k]
-    if arrivals[k] == MEETING and abs(duration) < BRIEF * span:
-        return slope
-    return velocity / duration if duration != 0.0 else slope
 
 
 def parameter_derivative(row: Vector, i: int, m: int, drift: float, last: bool) -> float:

@@ -79,7 +79,7 @@ def product_of_multipliers(blocks: Table, arrivals: Vector, z: Vector, span: flo
     ratio = 1.0
     for k in range(len(arrivals)):
         _, _, a00, a01, a10, a11, b00, b01, b10, b11, _, _ = blocks[k]
-        end = arrival_rate(z, k, arrivals, span, b00) * b11 - b01 * b10
+        end = arrival_rate(z, k, 2, arrivals, span, b00) * b11 - b01 * b10
         if end == 0.0:
             return math.nan
         ratio *= (a00 * a11 - a01 * a10) / end
@@ -186,42 +186,31 @@ def stability_of(start: Array, end: Array) -> Stability:
     """
     if start.shape[1:] != (2, 2):
         return _stability_of_any_size(start, end)
-    count, blocks = len(start), _flights(start, end)
+    count, product = len(start), determinant(start, end)
+    ends = zip(start.reshape(-1, 4).tolist(), end.reshape(-1, 4).tolist(), strict=True)
+    blocks = [(0.0, 0.0, *one, *other, 0.0, 0.0) for one, other in ends]
     reduced = block_cyclic.eliminate(blocks, [0] * count, [()] * count, 0.0, False, [], 0.0)
-    return _stability_of_two(reduced, blocks, determinant(start, end))
+    a, b, c, d = multipliers_by_elimination(reduced, product)
+    doubling = doubling_by_elimination(reduced, blocks, count)
+    return Stability(np.array([complex(a, b), complex(c, d)]), np.array([product]), doubling)
 
 
-def stability_of_orbit(
-    start: Array, end: Array, arrivals: Sequence[int], unknowns: list[float], span: float
-) -> Stability:
-    """Return the same for an orbit with two unknowns per impact, as along a branch.
+def with_arrival_rates(
+    end: Array, arrivals: Sequence[int], unknowns: Sequence[float], span: float
+) -> Array:
+    """Return the blocks B_k with the derivatives of arrivals by their times as the orbit has them.
 
     Parameters
     ----------
     arrivals : sequence of int
         Where each flight ends; see `contimpact.segments.segment`.
     unknowns, span
-        Of the orbit; the derivatives of arrivals by their times are read from them, see
-        `contimpact.orbits.block_cyclic.eliminate`.
+        Of the orbit; see `contimpact.orbits.block_cyclic.eliminate`.
     """
-    count, blocks = len(start), _flights(start, end)
-    reduced = block_cyclic.eliminate(blocks, arrivals, [()] * count, 0.0, True, unknowns, span)
-    product = product_of_multipliers(blocks, arrivals, unknowns, span)
-    return _stability_of_two(reduced, blocks, product)
-
-
-def _flights(start: Array, end: Array) -> list[tuple[float, ...]]:
-    """The blocks as the elimination has them, residuals and columns of parameters zero."""
-    ends = zip(start.reshape(-1, 4).tolist(), end.reshape(-1, 4).tolist(), strict=True)
-    return [(0.0, 0.0, *one, *other, 0.0, 0.0) for one, other in ends]
-
-
-def _stability_of_two(
-    reduced: Reduced, blocks: list[tuple[float, ...]], product: float
-) -> Stability:
-    a, b, c, d = multipliers_by_elimination(reduced, product)
-    doubling = doubling_by_elimination(reduced, blocks, len(blocks))
-    return Stability(np.array([complex(a, b), complex(c, d)]), np.array([product]), doubling)
+    found, m = end.copy(), end.shape[1]
+    for k, slope in enumerate(end[:, 0, 0].tolist()):
+        found[k, 0, 0] = arrival_rate(unknowns, k, m, arrivals, span, slope)
+    return found
 
 
 def multipliers(start: Array, end: Array) -> Array:

@@ -43,11 +43,10 @@ from ..segments.flight import FlightGaps, flight_gaps
 from ..segments.integration import integrated_track
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION, CombinedBlocks, Setup
-from ..segments.segment import ELSEWHERE, MEETING
+from ..segments.segment import MEETING
 from ..segments.touches import flights_are_apart, interior_touches
 from ..segments.track import track_of
-from .block_cyclic import BRIEF
-from .multipliers import Stability, count_unstable, determinant, stability_of, stability_of_orbit
+from .multipliers import Stability, count_unstable, determinant, stability_of, with_arrival_rates
 from .physicality import AT_REST, Verdict, findings, verdict_of
 
 # The motion along an orbit, for pictures and time series.
@@ -173,7 +172,7 @@ def _motion_by_segment(
     found = []
     for t in dt.tolist():
         place, speed = gap(*row, t, *values)[:2]
-        others = segment.blocks(row, [begin + t, *none], values)[0][2:] if problem.m > 2 else ()
+        others = segment.blocks(row, [begin + t, *none], values)[0][2:]
         factors = guard.row(problem.model.DEGREES_OF_FREEDOM)
         found.append(state_before(factors, place, [speed, *others]))
     x, v = np.array(found, dtype=float).transpose(1, 0, 2)
@@ -310,22 +309,8 @@ class Linearisation:
             return self.told(self._in_pieces(start))
         if not problem.arrivals:  # without impacts
             return self.told(stability_of(start, self.end))
-        if problem.m == 2:
-            found = stability_of_orbit(
-                start, self.end, problem.arrivals, self.unknowns.tolist(), self.span
-            )
-            return self.told(found)
-        end = self.end.copy()
-        rows = problem.impacts(self.unknowns)
-        durations = np.diff(np.append(rows[:, 0], rows[0, 0] + self.span))
-        arrivals = np.array(problem.arrivals)
-        brief = (arrivals == MEETING) & (np.abs(durations) < BRIEF * self.span)
-        same = (arrivals != ELSEWHERE) & (durations != 0.0) & ~brief
-        different = arrivals == ELSEWHERE
-        arriving = np.roll(rows[:, 1], -1)
-        end[same, 0, 0] = arriving[same] / durations[same]
-        end[different, 0, 0] = arriving[different]
-        return self.told(stability_of(start, end))
+        given = problem.arrivals, self.unknowns.tolist(), self.span
+        return self.told(stability_of(start, with_arrival_rates(self.end, *given)))
 
     def _in_pieces(self, start: Array) -> Stability:
         """The same where flights are computed in pieces.
