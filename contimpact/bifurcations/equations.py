@@ -202,13 +202,6 @@ class Equations:
 
         return system, [float(details["touch_time"]), *[0.0] * (m - 2)]
 
-    def product(self, z: list[Any]) -> Any:
-        """The product of both multipliers for m = 2: one for a pair on the unit circle."""
-        total = self.number(1)
-        for _, a, b, _ in self.flights(z, held=True):
-            total *= (a[0] * a[3] - a[1] * a[2]) / (b[0] * b[3] - b[1] * b[2])
-        return total
-
     def duration(self, z: list[Any], flight: int) -> Any:
         """A flight's duration."""
         rows = self.impacts(z[: self.problem.n + 1])

@@ -17,6 +17,7 @@ crossing-sliding   G where a flight begins: C leads from A   T of SA
 
 from __future__ import annotations
 
+import itertools
 import math
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
@@ -26,7 +27,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..continuation.branch import Details, Location
-from ..models.guards import Guard, crosses_at, is_path, slides_at, state_size
+from ..models.guards import Guard, are_parallel, crosses_at, is_path, slides_at, state_size
 from ..models.model import Model
 from ..models.word import Word
 from ..orbits.problem import Linearisation, OrbitProblem, rounding
@@ -712,7 +713,8 @@ def _respell(
         return near and (one.side, one.row(size)) == (other.side, other.row(size))
 
     met = [guard_at(problem, k) for k in order]
-    if len({guard.row(size) for guard in met}) < len(met):
+    rows = [guard.row(size) for guard in met]
+    if any(are_parallel(one, other) for one, other in itertools.combinations(rows, 2)):
         return None
     ways = [("", guard_at(problem, impacts[0] - 1).next_mode)]
     for guard in met:

@@ -165,8 +165,6 @@ class NS(Kind):
         return SingularPair(problem)
 
     def in_many_digits(self, orbit: Equations, unknowns: Array, details: Details) -> System:
-        if orbit.problem.m == 2:
-            return orbit.vanishing(lambda x: orbit.product(x) - 1)
         return orbit.singular_pair(*null_pair(orbit.problem.evaluate(unknowns)))
 
     def passed(self, multiplier: float | None) -> bool:

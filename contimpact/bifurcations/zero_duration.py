@@ -168,8 +168,6 @@ def _exchange_word(event: OrbitEvent) -> Word | None:
     """The word beyond, if impacts exchange their order."""
     here, flight = event.point.evaluation, event.details["flight"]
     problem, unknowns = here.problem, here.unknowns
-    if problem.model.DEGREES_OF_FREEDOM == 1:
-        return None
     tangent = first_tangent(here.jacobian, np.ones(len(unknowns)))
     if tangent is None:
         return None

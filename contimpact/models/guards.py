@@ -47,6 +47,12 @@ Row: TypeAlias = tuple[float, ...]
 """Coefficients of a linear combination of the positions."""
 
 
+def are_parallel(one: Row, other: Row) -> bool:
+    """Whether two gap coordinates are multiples of each other."""
+    place = pivot(one)
+    return all(a * other[place] == b * one[place] for a, b in zip(one, other, strict=True))
+
+
 @dataclass(frozen=True)
 class Mode:
     r"""A law by which the system moves.

@@ -15,9 +15,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ..arrays import Vector
 from ..errors import InputError
-from ..models.guards import following_letters, orders_of
+from ..models.guards import are_parallel, following_letters, orders_of
 from ..models.model import Model
 from ..models.sources import digests
 from ..storage.cache import cache_folder, load_file, logger, store_file
@@ -196,16 +195,14 @@ class Kernels:
 
     def guards_behind(self, reached: int) -> list[int]:
         """Return the guards of the modes that one ends which the mode after it does not have, of
-        several coordinates: a flight may end beyond them."""
-        guards = self.model.WALLS
-        if self.model.DEGREES_OF_FREEDOM == 1:
-            return []
+        other gap coordinates: a flight may end beyond them."""
+        guards, size = self.model.WALLS, self.model.DEGREES_OF_FREEDOM
         ended, after = {*guards[reached].modes}, guards[reached].next_mode
         return [
             k
             for k, guard in enumerate(guards)
             if {*guard.modes} & ended and after not in guard.modes and not guard.past
-            if guard.coordinate != guards[reached].coordinate
+            if not are_parallel(guard.row(size), guards[reached].row(size))
         ]
 
     def segment(self, start: str, end: str) -> ClosedForm:
@@ -338,7 +335,7 @@ class Kernels:
     def oscillates(self) -> bool:
         """Whether the flights of one coordinate follow laws alike, for `segments.oscillation`."""
         guards = self.model.WALLS
-        if self.model.DEGREES_OF_FREEDOM > 1 or any(g.row(1) != (1,) for g in guards):
+        if any(guard.row(self.model.DEGREES_OF_FREEDOM) != (1,) for guard in guards):
             return False
         if not self.passages.anchored or any(self.integrated(guard.name) for guard in guards):
             return False
@@ -397,14 +394,8 @@ class Kernels:
     def motions(self) -> Callable[..., Any]:
         """``motions((wall, t0, *y0), dt, p)``: the motion after a wall by its number."""
         loaded = _LazyKernels[Kernel](lambda wall: self.motion(self.model.WALLS[wall].name))
-
-        if self.model.DEGREES_OF_FREEDOM == 1:
-            return _caller("head, dt, p", "head[0]", "head[1], head[2], dt", self.model, loaded)
-
-        def motion(head: Vector, dt: float, p: Vector) -> Any:
-            return loaded[head[0]](*head[1:], dt, *p)
-
-        return motion
+        head = "".join(f"head[{i + 1}], " for i in range(self.model.unknowns_per_impact))
+        return _caller("head, dt, p", "head[0]", f"{head}dt", self.model, loaded)
 
     def kernel(self, name: str) -> Kernel:
         """Return a kernel as a function of floats."""

@@ -164,7 +164,7 @@ class HybridSystem(StatedSystem):
     @property
     def tori(self) -> bool:
         """Whether tori can be born on orbits."""
-        return self.DEGREES_OF_FREEDOM > 1 or not self.autonomous
+        return super().tori or not self.autonomous
 
     def formulas(self, symbols: Mapping[str, Any]) -> Formulas:
         """Motion in each mode, in closed form where it is linear, and what guards change."""
