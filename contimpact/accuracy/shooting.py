@@ -111,6 +111,11 @@ class Shooting:
             after = [e[0] for e in state_after(formulas, guard.name, [x], [v], "formulas")]
             self._after[guard.name] = sympy.lambdify([x, v, *given], after, "math")
 
+    @staticmethod
+    def follows(problem: OrbitProblem) -> bool:
+        """Whether it integrates the flights of a problem."""
+        return problem.m == 2
+
     def orbit(self, guess: Array) -> Array | None:
         """Return the orbit next to a guess at its parameter value; None if it is not reached."""
         p = self.problem.values(guess)
@@ -224,7 +229,7 @@ def measure_shooting(
     coordinates to shoot in, or orbits that a simulation can follow.
     """
     points = [p for w in walks for p in w.points if can_be_simulated(p)]
-    if problem.m != 2 or problem.lost or not points:
+    if not Shooting.follows(problem) or problem.lost or not points:
         return {}
     chosen = [point.unknowns for point in spread_sample(points, SHOT)]
     share = sum(len(w.points) for w in walks) / len(chosen)

@@ -157,9 +157,8 @@ def measure_simulation(
     row |= {"evaluations": None, "failed": 0, "unfinished": 0}
     by_integrator: dict[str, list[dict[str, Any]]] = {EXPLICIT: [], IMPLICIT: []}
     for method, rows in by_integrator.items():
-        if simulator.several or (
-            method == IMPLICIT and not any(row["unfinished"] for row in by_integrator[EXPLICIT])
-        ):
+        stiff = any(row["unfinished"] for row in by_integrator[EXPLICIT])
+        if not Shooting.follows(exact.problem) or (method == IMPLICIT and not stiff):
             continue
         rows += [compare_with_ivp(exact, run, tolerance, method) for tolerance in tolerances]
     energy = None

@@ -123,9 +123,9 @@ def settled_orbits(model: Model, kernels: Kernels, rng: np.random.Generator | in
     simulator = Simulator(model, kernels, longest_flight=LONGEST_FLIGHT)
     generator = np.random.default_rng(rng)
     integrated = any(kernels.integrated(guard.name) for guard in model.WALLS)
-    dear = simulator.several or integrated
-    motions, patience = (DEAR_MOTIONS, DEAR_QUIET) if dear else (MOTIONS, QUIET)
-    looks = IMPACTS[: 1 if integrated else 2 if simulator.several else 3]
+    effort = 2 if integrated else int(simulator.machine.costly)
+    motions, patience = (DEAR_MOTIONS, DEAR_QUIET) if effort else (MOTIONS, QUIET)
+    looks = IMPACTS[: len(IMPACTS) - effort]
     found: list[Orbit] = []
     ends: Counter[_End] = Counter()
     quiet = made = 0

@@ -210,11 +210,9 @@ def plot_series(simulator: Simulator, attractor: Attractor, ax: Any = None) -> A
 
 def _name_in_portrait(simulator: Simulator, moving: bool = False) -> str:
     """What an axis of gap coordinates is called."""
-    if not simulator.several:
-        return r"$\dot{Z}$" if moving else "$Z$"
     if len(coordinates_of(simulator)) > 1:
         return "their velocities" if moving else "gap coordinates"
-    return "its velocity" if moving else "gap coordinate"
+    return r"$\dot{Z}$" if moving else "$Z$"
 
 
 def wall_names(letters: Sequence[str], places: Sequence[float]) -> list[tuple[str, float, str]]:
@@ -277,10 +275,8 @@ def _fastest(attractor: Attractor) -> float:
 
 def _attractor_of(branch: Branch, orbit: Orbit, simulator: Simulator) -> Attractor:
     walls = np.array([simulator.letters.index(letter) for letter in branch.word])
-    table = (walls, orbit.times, orbit.velocities, np.zeros(len(walls), dtype=bool))
-    if simulator.several:
-        others = orbit.problem.impacts(orbit.unknowns)[:, 2:]
-        table = (*table, others, np.zeros(len(walls), dtype=np.int64))  # type: ignore[assignment]
+    others, none = orbit.problem.impacts(orbit.unknowns)[:, 2:], np.zeros(len(walls), np.int64)
+    table = (walls, orbit.times, orbit.velocities, none > 0, others, none)
     T = simulator.period
     return Attractor(Kind.PERIODIC, {}, branch.notation, T, branch.word, branch.period, *table)
 

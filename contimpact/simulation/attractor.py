@@ -511,7 +511,7 @@ def _repetitions(cycle: Cycle, period: float) -> int:
 def _derivatives(simulator: Simulator, rows: Sequence[State]) -> Array:
     """From each row to the next, shape (N, m, m)."""
     pairs = itertools.pairwise(rows)
-    return np.array([simulator.derivative_of_several(*pair) for pair in pairs])
+    return np.array([simulator.derivative(*pair) for pair in pairs])
 
 
 def _multipliers(simulator: Simulator, rows: Sequence[State]) -> tuple[complex, ...]:

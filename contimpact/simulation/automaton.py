@@ -44,7 +44,17 @@ from .flights import (
 )
 from .impacts import EARLY, LOW, SHORT, wrap_time
 from .linear_flights import Law, LinearRuns, Setting
-from .run import Call, Outcome, OutsideError, PassageRule, State, columns_of, join_columns
+from .run import (
+    Call,
+    Outcome,
+    OutsideError,
+    PassageRule,
+    State,
+    columns_of,
+    join_all,
+    join_columns,
+    wall_into,
+)
 
 # Starts anywhere within the guards of a mode; what lies elsewhere is refused.
 
@@ -55,10 +65,7 @@ def check_start(automaton: Automaton, position: Sequence[float], mode: str) -> i
     Raises InputError if there is no such mode, if its flights are not known from anywhere, or if
     the start lies beyond one of its guards.
     """
-    modes = [guard.next_mode for guard in automaton.guards]
-    if mode not in modes:
-        raise InputError("mode", f"no mode {mode!r}", f"the modes are {', '.join(modes)}")
-    wall = modes.index(mode)
+    wall = wall_into(automaton.kernels.model, mode)
     if not automaton.linear[wall]:
         found = f"the flights of {automaton.kernels.model.SYSTEM} are known from guards on"
         raise InputError("position", found, "start at a guard")
@@ -201,6 +208,8 @@ class Automaton:
     restitution : tuple of float
         At low velocity; 1 where a guard leads to another mode.
     """
+
+    costly = True
 
     def __init__(
         self,
@@ -460,14 +469,35 @@ class Automaton:
         place, wall = min(there, default=(math.inf, -1))
         return side * place, wall
 
-    def fly(self, wall: int, phase: float, velocity: float) -> tuple[int, float, float]:
-        """Return the wall hit next, the time until then and the velocity; of one coordinate."""
-        found = self.next(State(wall, phase, velocity))
+    def fly(
+        self, wall: int, phase: float, velocity: float, others: tuple[float, ...] = ()
+    ) -> tuple[int, float, float]:
+        """Return the wall hit next, the time until then and the velocity before that impact."""
+        found = self.next(State(wall, phase, velocity, others=others))
         if isinstance(found, Outcome):
             return -1, math.inf, velocity
         return found.wall, found.turns * self.period + found.phase - phase, found.velocity
 
+    def pressed(self, wall: int, phase: float) -> tuple[bool, float]:
+        """Refuse to say when a wall is pressed: the phase does not tell."""
+        found = f"{self.kernels.model.SYSTEM} has more than one coordinate between two walls"
+        raise InputError("pressed", found, "use state and run")
+
+    def law_in(self, mode: str) -> LinearMotion | None:
+        """Return the motion in a mode, no wall held, if it is linear."""
+        after = zip(self.guards, self.linear, strict=True)
+        linear = all(is_linear for guard, is_linear in after if guard.next_mode == mode)
+        return self.motion(mode, 0) if linear else None
+
+    def derivative(self, before: State, after: State) -> Array:
+        """Return the derivative of the map from one row to the next; see `derivative_between`."""
+        return derivative_between(self, before, after)
+
     # Runs.
+
+    def joined(self, parts: Sequence[Sequence[Any]]) -> dict[str, Array]:
+        """Return the columns of a run from those of its parts."""
+        return join_all(parts, 2 * self.size - 2)
 
     def random(self, generator: np.random.Generator) -> State:
         """Return an impact at random; see `random_impact`."""
@@ -588,43 +618,6 @@ def derivative_between(automaton: Automaton, before: State, after: State) -> Arr
     simple = not (before.released or after.released or after.held)
     found = (_segment_jacobian if simple else _linear_jacobian)(automaton, before, after)
     return found if np.all(np.isfinite(found)) else np.full(found.shape, np.inf)
-
-
-def derivative_of_pair(
-    kernels: Kernels, values: Sequence[float], period: float
-) -> Callable[[State, State], tuple[float, float, float, float]]:
-    """Return what gives the derivative of the map between two impacts, of one degree of freedom.
-
-    Its four entries tt, tv, vt, vv stand row by row, for (time, velocity before impact): -B^-1 A
-    with the blocks of the flight kernel. A velocity of zero at the end makes it infinite.
-    """
-    letters = kernels.model.letters
-    watched = kernels.passages.watched
-    places = range(len(letters))
-    flights = {
-        (a, b): kernels.flight(letters[a], letters[b])
-        for a in places
-        for b in places
-        if watched[a][b]
-    }
-
-    def derivative(start: State, end: State) -> tuple[float, float, float, float]:
-        t1 = end.phase + (end.turns - start.turns) * period
-        kernel = flights[start.wall, end.wall]
-        _, leaving, arriving, _ = kernel(start.phase, start.velocity, t1, end.velocity, *values)
-        a11, a12, a21, a22 = leaving
-        b11, b12, b21, b22 = arriving
-        det = b11 * b22 - b12 * b21
-        if det == 0.0:
-            return (math.inf,) * 4
-        return (
-            (b12 * a21 - b22 * a11) / det,
-            (b12 * a22 - b22 * a12) / det,
-            (b21 * a11 - b11 * a21) / det,
-            (b21 * a12 - b11 * a22) / det,
-        )
-
-    return derivative
 
 
 def _duration(automaton: Automaton, before: State, after: State) -> float:

@@ -253,7 +253,7 @@ def exponents_of(
     columns = (run.walls, run.phases, run.velocities, run.turns)
     for row in zip(*(column.tolist() for column in columns), strict=True):
         after = State(*row)
-        tt, tv, vt, vv = simulator.derivative(before, after)
+        (tt, tv), (vt, vv) = simulator.derivative(before, after)
         # in (time, energy): the column by v is divided, the row of v multiplied by a velocity
         tv, vt = tv / before.velocity, vt * after.velocity
         vv *= after.velocity / before.velocity
@@ -281,7 +281,7 @@ def _exponents_by_qr(
     q = np.linalg.qr(np.random.default_rng(rng).normal(size=(m, m)))[0]
     logs, before, scale = [], state, _scale(state, m)
     for after in run.states():
-        step = simulator.derivative_of_several(before, after)
+        step = simulator.derivative(before, after)
         if not np.all(np.isfinite(step)):
             break
         next_scale = _scale(after, m)

@@ -35,7 +35,7 @@ from .impacts import (
     wall_on,
     wrap_time,
 )
-from .run import Call, Outcome, OutsideError, State
+from .run import Call, Outcome, OutsideError, State, join_runs, wall_into
 
 if TYPE_CHECKING:
     from ..segments.machine_code import Program
@@ -149,6 +149,44 @@ def program_of(motions: Sequence[Kernel]) -> Program:
     return program
 
 
+# The derivative of the map from one impact to the next.
+
+
+def derivative_of_pair(
+    kernels: Kernels, values: Sequence[float], period: float
+) -> Callable[[State, State], tuple[tuple[float, float], tuple[float, float]]]:
+    """Return what gives the derivative of the map between two impacts, of one degree of freedom.
+
+    Its rows are for (time, velocity before impact): -B^-1 A with the blocks of the flight kernel.
+    A velocity of zero at the end makes it infinite.
+    """
+    letters = kernels.model.letters
+    watched = kernels.passages.watched
+    places = range(len(letters))
+    flights = {
+        (a, b): kernels.flight(letters[a], letters[b])
+        for a in places
+        for b in places
+        if watched[a][b]
+    }
+
+    def derivative(start: State, end: State) -> tuple[tuple[float, float], tuple[float, float]]:
+        t1 = end.phase + (end.turns - start.turns) * period
+        kernel = flights[start.wall, end.wall]
+        _, leaving, arriving, _ = kernel(start.phase, start.velocity, t1, end.velocity, *values)
+        a11, a12, a21, a22 = leaving
+        b11, b12, b21, b22 = arriving
+        det = b11 * b22 - b12 * b21
+        if det == 0.0:
+            return ((math.inf,) * 2,) * 2
+        return (
+            ((b12 * a21 - b22 * a11) / det, (b12 * a22 - b22 * a12) / det),
+            ((b21 * a11 - b11 * a21) / det, (b21 * a12 - b11 * a22) / det),
+        )
+
+    return derivative
+
+
 _OUTCOMES = tuple(Outcome)
 
 
@@ -174,7 +212,11 @@ class OneCoordinate:
     zeros : list of float or None
         Where in a period the acceleration changes sign; None if it depends on the state.
     body : Body
+    costly : bool
+        Whether an impact takes far longer than in the fast loop.
     """
+
+    costly = False
 
     def __init__(
         self,
@@ -273,17 +315,19 @@ class OneCoordinate:
             return FlightInState(self.motions, self._motion)
         return functools.partial(fly_in_time, self._motion)
 
-    def fly(self, wall: int, phase: float, velocity: float) -> tuple[int, float, float]:
+    def fly(
+        self, wall: int, phase: float, velocity: float, _: tuple[float, ...] = ()
+    ) -> tuple[int, float, float]:
         """Return the wall hit next, the time until then and the velocity before that impact."""
         side, dt, speed = self._fly(self.body, wall, phase, velocity)
         return wall_on(self.body, wall, side), dt, speed
 
-    def start(self, time: float, position: float, velocity: float) -> State | None:
-        """Return the first impact of a body that starts between the walls of the first mode; None
-        for none."""
-        wall = next(
-            k for k, g in enumerate(self.model.WALLS) if g.next_mode == self.model.first_mode
-        )
+    def start(
+        self, time: float, positions: Sequence[float], velocities: Sequence[float], mode: str
+    ) -> State | None:
+        """Return the first impact of a body that starts anywhere, in a mode; None for none."""
+        (position,), (velocity,) = positions, velocities
+        wall = wall_into(self.model, mode)
         low, high = self._around(position, wall)
         if not low <= 0.0 <= high:
             raise OutsideError(
@@ -364,7 +408,19 @@ class OneCoordinate:
             x, v = motion(begin + zeros, left.velocity + zeros, dt, *self.values)[:2]
         return begin + dt, self.positions[left.wall] + x, v
 
+    def law_in(self, mode: str) -> None:
+        """Its motion is no linear law."""
+
+    @functools.cached_property
+    def derivative(self) -> Callable[[State, State], Any]:
+        """See `derivative_of_pair`."""
+        return derivative_of_pair(self.kernels, self.values, self.period)
+
     # Runs.
+
+    def joined(self, parts: Sequence[Sequence[Any]]) -> dict[str, Array]:
+        """Return the columns of a run from those of its parts."""
+        return join_runs(parts)
 
     def make(
         self, state: State, span: tuple[int, int], asked: int, record: bool, fastest: float

@@ -182,6 +182,18 @@ class Run(ParameterItems, NotebookResult):
         return "".join(names[i] for i in marked)
 
 
+def wall_into(model: Model, mode: str) -> int:
+    """Return a guard that leads into a mode, the first one unless it has a name.
+
+    Raises InputError if there is no such mode.
+    """
+    modes = [guard.next_mode for guard in model.WALLS]
+    mode = mode or model.first_mode
+    if mode not in modes:
+        raise InputError("mode", f"no mode {mode!r}", f"the modes are {', '.join(modes)}")
+    return modes.index(mode)
+
+
 def _rows(columns: Sequence[Array]) -> list[tuple[Any, ...]]:
     return list(zip(*(column.tolist() for column in columns), strict=True))
 
@@ -194,14 +206,15 @@ def states_of(columns: Sequence[Array]) -> list[State]:
     ]
 
 
-def join_runs(parts: Sequence[Sequence[Any]]) -> tuple[Array, Array, Array, Array, Array]:
-    """Return the columns of a run, walls to releases, from those of its parts."""
+def join_runs(parts: Sequence[Sequence[Any]]) -> dict[str, Array]:
+    """Return the columns of a run, walls to releases, from those of its parts, by name."""
 
     def column(i: int, kind: Any) -> Array:
         return np.concatenate([np.zeros(0, kind), *(np.asarray(part[i], kind) for part in parts)])
 
-    walls, turns, released = column(0, np.int8), column(1, np.int64), column(4, bool)
-    return walls, turns, column(2, float), column(3, float), released
+    kinds = (np.int8, np.int64, float, float, bool)
+    names = ("walls", "turns", "phases", "velocities", "released")
+    return {name: column(i, kind) for i, (name, kind) in enumerate(zip(names, kinds, strict=True))}
 
 
 def columns_of(rows: Sequence[State]) -> list[Any]:
@@ -222,15 +235,15 @@ def join_columns(parts: Sequence[Sequence[Any]], width: int) -> list[Any]:
     parts = [part for part in parts if len(part[0])] or parts[-1:]
     if len(parts) == 1:
         return list(parts[0])
-    more = more_joined(parts, width)
-    return [*join_runs(parts), more["others"], more["held"]]
+    return list(join_all(parts, width).values())
 
 
-def more_joined(parts: Sequence[Sequence[Any]], width: int) -> dict[str, Array]:
-    """Return the columns that runs of several coordinates have besides, by name."""
+def join_all(parts: Sequence[Sequence[Any]], width: int) -> dict[str, Array]:
+    """Return the same with the other coordinates and the walls held."""
     others = [np.array(part[5], dtype=float).reshape(len(part[5]), width) for part in parts]
     held = [np.array(part[6], dtype=np.int64) for part in parts]
     return {
+        **join_runs(parts),
         "others": np.concatenate([np.zeros((0, width)), *others]),
         "held": np.concatenate([np.zeros(0, np.int64), *held]),
     }

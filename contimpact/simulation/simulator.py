@@ -29,12 +29,12 @@ from ..errors import InputError, explain_arguments
 from ..models.model import Model
 from ..segments.compiling import cores
 from ..segments.kernels import Kernels
-from .automaton import Automaton, derivative_between, derivative_of_pair
+from .automaton import Automaton
 from .flights import LinearMotion
 from .impacts import DONE
 from .linear_flights import LEFT
 from .one_coordinate import OneCoordinate
-from .run import Call, Outcome, Run, State, join_runs, more_joined, states_of
+from .run import Call, Outcome, Run, State, states_of
 
 CHUNK, FEW = 65536, 256
 """Rows made at once, at most and at first: interrupts come through between chunks."""
@@ -88,11 +88,6 @@ class Simulator(ParameterItems):
         return functools.partial(Simulator, longest_flight=self.longest_flight), (self.model,)
 
     @property
-    def several(self) -> bool:
-        """Whether it is simulated with all its coordinates, by the `automaton`."""
-        return isinstance(self.machine, Automaton)
-
-    @property
     def parameters(self) -> dict[str, float]:
         """All parameters and derived parameters."""
         return {**self.model.values, **self.derived}
@@ -102,14 +97,18 @@ class Simulator(ParameterItems):
     def pressed(self, wall: int, phase: float) -> tuple[bool, float]:
         """Return whether a body at rest on a wall is pressed against it, and for how long.
 
-        The time is infinite if the acceleration never turns away. Of one coordinate between two
-        walls, with flights that are not linear.
+        The time is infinite if the acceleration never turns away.
+
+        Raises
+        ------
+        InputError
+            If the `machine` is an `Automaton`: what presses then depends on the state.
         """
-        if isinstance(self.machine, Automaton):
-            raise self._refused("pressed")
         return self.machine.pressed(wall, phase)
 
-    def fly(self, wall: int, phase: float, velocity: float) -> tuple[int, float, float]:
+    def fly(
+        self, wall: int, phase: float, velocity: float, others: Sequence[float] = ()
+    ) -> tuple[int, float, float]:
         """Return the wall hit next, the time until then and the velocity before that impact.
 
         Parameters
@@ -118,6 +117,8 @@ class Simulator(ParameterItems):
             The wall left.
         phase, velocity : float
             Of the impact there, the velocity before it.
+        others : sequence of float
+            As of `state`.
 
         Returns
         -------
@@ -128,15 +129,17 @@ class Simulator(ParameterItems):
         Raises
         ------
         InputError
-            If the system has several degrees of freedom.
+            If others are missing.
         """
-        if self.model.DEGREES_OF_FREEDOM > 1:
-            raise self._refused("fly")
-        return self.machine.fly(wall, phase, velocity)
+        return self.machine.fly(wall, phase, velocity, self._complete(others))
 
-    def _refused(self, asked: str) -> InputError:
-        found = f"{self.model.SYSTEM} has more than one coordinate between two walls"
-        return InputError(asked, found, "use state and run")
+    def _complete(self, others: Sequence[float]) -> tuple[float, ...]:
+        """Section coordinates but the first, all of them."""
+        size = self.model.unknowns_per_impact - 2
+        if len(others) != size:
+            accepted = f"give {size}, position and velocity of the other coordinates"
+            raise InputError("others", f"{len(others)} numbers", accepted)
+        return tuple(map(float, others))
 
     def start(
         self,
@@ -170,8 +173,6 @@ class Simulator(ParameterItems):
             if len(given) != (size := self.model.DEGREES_OF_FREEDOM):
                 accepted = f"give one for each degree of freedom: {size}"
                 raise InputError(name, f"{len(given)} numbers", accepted)
-        if isinstance(self.machine, OneCoordinate):
-            return self.machine.start(time, *x, *v)
         return self.machine.start(time, x, v, mode)
 
     # Runs.
@@ -200,13 +201,7 @@ class Simulator(ParameterItems):
         if not velocity * self.sides[k] >= 0.0:
             accepted = f"give one {'>=' if self.sides[k] > 0 else '<='} 0"
             raise InputError("velocity", f"{velocity!r} runs away from the wall {wall}", accepted)
-        lacking = self.model.unknowns_per_impact - 2 - len(others)
-        if lacking:
-            accepted = (
-                f"give {len(others) + lacking}, position and velocity of the other coordinates"
-            )
-            raise InputError("others", f"{len(others)} numbers", accepted)
-        return State(k, time, velocity, others=tuple(map(float, others))).within(self.period)
+        return State(k, time, velocity, others=self._complete(others)).within(self.period)
 
     def random_state(self, generator: Any = 0) -> State:
         """Return an impact at random: wall, phase, and velocities up to what a period gives.
@@ -310,15 +305,12 @@ class Simulator(ParameterItems):
             made, size = made + count, min(4 * size, CHUNK)
         end = None if outcome in (Outcome.NO_IMPACT, Outcome.RUNAWAY) else state
         left = state if outcome is Outcome.NO_IMPACT else None
-        width = self.model.unknowns_per_impact - 2
-        more = more_joined(parts, width) if self.several else {}
         return Run(
             self.letters,
             self.period,
-            *join_runs(parts),
-            outcome,
-            end,
-            **more,
+            **self.machine.joined(parts),
+            outcome=outcome,
+            end=end,
             left=left,
             model=self.model,
         )
@@ -350,22 +342,13 @@ class Simulator(ParameterItems):
 
     # The linearised map.
 
-    @functools.cached_property
-    def _derivative(self) -> Callable[[State, State], tuple[float, float, float, float]]:
-        return derivative_of_pair(self.kernels, self.values, self.period)
+    @property
+    def derivative(self) -> Callable[[State, State], Any]:
+        """The derivative of the map from one impact to the next, as a function of both states.
 
-    def derivative(self, start: State, end: State) -> tuple[float, float, float, float]:
-        """Return the derivative of the map from one impact to the next; see `derivative_of_pair`.
-
-        Of one degree of freedom.
+        It returns rows, for (time, section coordinates).
         """
-        return self._derivative(start, end)
-
-    def derivative_of_several(self, start: State, end: State) -> Array:
-        """Return the same for any number of them, a matrix; see `automaton`."""
-        if isinstance(self.machine, Automaton):
-            return derivative_between(self.machine, start, end)
-        return np.array(self.derivative(start, end)).reshape(2, 2)
+        return self.machine.derivative
 
 
 def as_simulator(of: Simulator | Model) -> Simulator:
@@ -540,10 +523,9 @@ def free_motion(
     tuple of float or None
         None if it settles on no motion of the forcing's period, or on none that is known.
     """
-    machine = simulator.machine
-    walls = [k for k, guard in enumerate(simulator.model.WALLS) if guard.next_mode == mode]
-    if isinstance(machine, Automaton) and all(machine.linear[k] for k in walls):
-        return _fixed_point(machine.motion(mode, 0), simulator.period)
+    law = simulator.machine.law_in(mode)
+    if law is not None:
+        return _fixed_point(law, simulator.period)
     if simulator.model.DEGREES_OF_FREEDOM == 1 and left is not None:
         return _repeating_motion(simulator, left)
     return None
@@ -557,13 +539,11 @@ def state_after(
     None if the mode is not linear.
     """
     place, speed = list(motion[::2]), list(motion[1::2])
-    machine = simulator.machine
-    walls = [k for k, guard in enumerate(simulator.model.WALLS) if guard.next_mode == mode]
+    law, d = simulator.machine.law_in(mode), len(place)
     if time == 0.0:
         return place, speed
-    if not (isinstance(machine, Automaton) and all(machine.linear[k] for k in walls)):
+    if law is None:
         return None
-    law, d = machine.motion(mode, 0), len(place)
     moved = law.track(law.embedded(place, speed, 0.0), simulator.period).at(time)
     return moved[:d].tolist(), moved[d : 2 * d].tolist()
 

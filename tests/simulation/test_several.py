@@ -166,7 +166,7 @@ def test_the_derivative_through_a_sojourn_is_that_of_differences(sticking):
     after = int(np.nonzero(reached.released)[0][0]) + 1
     product = np.eye(4)
     for pair in itertools.pairwise([start, *reached.states()[: after + 1]]):
-        product = simulator.derivative_of_several(*pair) @ product
+        product = simulator.derivative(*pair) @ product
 
     def row(moved):
         section = np.add(start.section, moved[1:])
@@ -264,7 +264,8 @@ def test_basins_are_a_section_with_the_other_coordinates_of_an_attractor():
     [
         (lambda s: s.state("A", 0.0, 1.0), "others"),
         (lambda s: s.state("A", 0.0, 1.0, [0.1]), "others"),
-        (lambda s: s.fly(0, 0.0, 1.0), "fly"),
+        (lambda s: s.fly(0, 0.0, 1.0), "others"),
+        (lambda s: s.pressed(0, 0.0), "pressed"),
         (lambda s: s.start(0.0, [2.0, 0.0], [0.0, 0.0]), "position"),
         (lambda s: s.start(0.0, [0.0], [0.0]), "position"),
         (lambda s: s.start(0.0, [0.0, 0.0], [0.0, 0.0], "other"), "mode"),

@@ -15,6 +15,7 @@ from zoo import ROOT
 
 from contimpact import InputError, Simulator, check_model, find_orbits, settle
 from contimpact.models.model import Guard
+from contimpact.simulation.automaton import Automaton
 
 PATH = ROOT / "examples" / "bilinear.py"
 VALUES = {"a": 1.0, "omega": 1.5, "c": 0.2, "k_l": 1.0, "k_r": 4.0}
@@ -136,7 +137,7 @@ def test_modes_may_begin_within_their_guards():
     assert "passage at N" in check_model(model)
     orbits = [o for o in find_orbits(model, "PN", parameter="omega") if o.stable and o.physical]
     simulator = Simulator(model)
-    assert simulator.several
+    assert isinstance(simulator.machine, Automaton)
     found = settle(simulator, simulator.state("P", 0.0, 1.0))
     assert found.word == "PN"
     near = [o for o in orbits if o.velocities == pytest.approx(found.velocities, abs=1e-10)]
