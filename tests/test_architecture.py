@@ -46,6 +46,7 @@ TRUSTED = {
     "contimpact.segments.compiling": {"ctypes"},
     "contimpact.segments.bounded_code": {"exec"},
     "contimpact.segments.llvm_ir": {"exec"},
+    "contimpact.segments.transients": {"exec"},
     "contimpact.segments.machine_code": {"subprocess"},
 }
 """Modules that run what the package has written itself: kernels, and compiled code."""

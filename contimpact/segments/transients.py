@@ -240,56 +240,8 @@ FEW = 20
 INVERSE_FACTORIAL = tuple(1.0 / math.factorial(i) for i in range(TERMS + 1))
 
 
-def transients1(c: Any, k: Any, t: Any) -> Values:
-    """The functions of `TABLES[1]`, then those of `MOTIONS[1]`."""
-    return _timed1(t, *_means1(c, k, t))
-
-
-def _timed1(t: Any, f1: Any, p1: Any, u1: Any) -> Values:
-    return f1, p1, u1, t * t * f1, t * p1
-
-
-def _means1(c: Any, k: Any, t: Any) -> Values:
-    y, kappa = 0.5 * c * t, k * t * t
-    q = kappa - y * y
-    if q <= -APART:
-        return _apart1(y, kappa, t)
-    if q < SERIES_BELOW:
-        basis = _series1(y, q, _terms(y, kappa))
-    else:
-        x = math.sqrt(q)
-        basis = _swing1(q, math.sin(x) / x, math.cos(x))
-    return _near1(c, k, t, math.exp(-y), kappa < SERIES_BELOW, *basis)
-
-
 def _terms(y: Any, kappa: Any) -> int:
     return FEW if y * y < 0.25 and kappa < 1.0 else TERMS
-
-
-def _series1(y: Any, q: Any, terms: int) -> Values:
-    """Sum of y^i X(i+1), X(0) and X(-1), where X(i) belongs to 1/(sigma^i (sigma^2 + q))."""
-    total = x = later = 0.0
-    for i in range(terms, 1, -1):
-        x, later = INVERSE_FACTORIAL[i] - q * later, x
-        total = total * y + x
-    x, later = 1.0 - q * later, x
-    return total, x, 1.0 - q * later
-
-
-def _swing1(q: Any, position: Any, velocity: Any) -> Values:
-    """The same without the sum, where the series does not converge fast."""
-    return 0.0, position, velocity
-
-
-def _near1(
-    c: Any, k: Any, t: Any, decay: Any, short: bool, fall: Any, position: Any, velocity: Any
-) -> Values:
-    """The functions from those of sigma^2 + q; the fall is their sum in short flights only."""
-    y, kappa = 0.5 * c * t, k * t * t
-    g0, g1 = decay * position, decay * (velocity - y * position)
-    if short:
-        return decay * fall, g0, g1
-    return (1.0 - g1 - 2.0 * y * g0) / kappa, g0, g1
 
 
 def _apart1(y: Any, kappa: Any, t: Any) -> Values:
@@ -326,63 +278,6 @@ def _lag(j: int, root: Any) -> Any:
     return lag
 
 
-def transients2(c: Any, k: Any, t: Any) -> Values:
-    """The functions of `TABLES[2]`, then those of `MOTIONS[2]`."""
-    return _timed2(t, *_means2(c, k, t))
-
-
-def _timed2(
-    t: Any, f1: Any, p1: Any, u1: Any, a1: Any, f2: Any, p2: Any, u2: Any, a2: Any
-) -> Values:
-    t2 = t * t
-    return (
-        f1, p1, u1, a1, f2, p2, u2, a2,
-        t2 * f1, t * p1, t2 * t2 * f2, t2 * t * p2, t2 * u2, t * a2,
-    )  # fmt: skip
-
-
-def _means2(c: Any, k: Any, t: Any) -> Values:
-    y, kappa = 0.5 * c * t, k * t * t
-    q = kappa - y * y
-    if q <= -APART:
-        return _apart2(y, kappa, t)
-    if q < SERIES_BELOW:
-        basis = _series2(y, q, _terms(y, kappa))
-    else:
-        x = math.sqrt(q)
-        basis = _swing2(q, math.sin(x) / x, math.cos(x))
-    return _near2(c, k, t, math.exp(-y), kappa < SERIES_BELOW, *basis)
-
-
-def _series2(y: Any, q: Any, terms: int) -> Values:
-    """The same sums for both powers of sigma^2 + q, and X1(0), X1(-1), X2(0)."""
-    total1 = total2 = x1 = x2 = later1 = later2 = 0.0
-    for i in range(terms, 1, -1):
-        above = later1
-        x1, later1 = INVERSE_FACTORIAL[i] - q * later1, x1
-        x2, later2 = above - q * later2, x2
-        total1, total2 = total1 * y + x1, total2 * y + x2
-    return total1, total2, 1.0 - q * later1, 1.0 - q * x1, later1 - q * later2
-
-
-def _swing2(q: Any, p1: Any, v1: Any) -> Values:
-    return 0.0, 0.0, p1, v1, 0.5 * (p1 - v1) / q
-
-
-def _near2(
-    c: Any, k: Any, t: Any, decay: Any, short: bool, f1: Any, f2: Any, p1: Any, v1: Any, p2: Any
-) -> Values:
-    y, kappa = 0.5 * c * t, k * t * t
-    p1, p2, v1 = decay * p1, decay * p2, decay * v1
-    u1, u2 = v1 - y * p1, 0.5 * p1 - y * p2
-    if short:
-        f1, f2 = decay * f1, decay * f2
-    else:
-        f1 = (1.0 - u1 - 2.0 * y * p1) / kappa
-        f2 = (f1 - u2 - 2.0 * y * p2) / kappa
-    return f1, p1, u1, -c * u1 - k * t * p1, f2, p2, u2, _next(y, kappa, p1, u2, p2)
-
-
 def _apart2(y: Any, kappa: Any, t: Any) -> Values:
     high, low = _roots(y, kappa)
     by = 1.0 / (high - low)
@@ -400,91 +295,6 @@ def _apart2(y: Any, kappa: Any, t: Any) -> Values:
         f1 = (1.0 - g11 - 2.0 * y * g01) / kappa
         f2 = (f1 - g12 - 2.0 * y * g02) / kappa
     return f1, g01, g11, g21 / t, f2, g02, g12, g22
-
-
-def transients4(c: Any, k: Any, t: Any) -> Values:
-    """The functions of `TABLES[4]`, then those of `MOTIONS[4]`: for derivatives of higher order."""
-    return _timed4(t, *_means4(c, k, t))
-
-
-def _timed4(
-    t: Any, f1: Any, p1: Any, u1: Any, a1: Any, j1: Any, s1: Any, f2: Any, p2: Any, u2: Any,
-    a2: Any, j2: Any, f3: Any, p3: Any, u3: Any, a3: Any, j3: Any, f4: Any, p4: Any, u4: Any,
-    a4: Any, j4: Any,
-) -> Values:  # fmt: skip
-    t2 = t * t
-    t3, t4 = t2 * t, t2 * t2
-    return (
-        f1, p1, u1, a1, j1, s1, f2, p2, u2, a2, j2, f3, p3, u3, a3, j3, f4, p4, u4, a4, j4,
-        t2 * f1, t * p1, t4 * f2, t3 * p2, t2 * u2, t * a2,
-        t3 * t3 * f3, t4 * t * p3, t4 * u3, t3 * a3, t2 * j3,
-        t4 * t4 * f4, t4 * t3 * p4, t3 * t3 * u4, t4 * t * a4, t4 * j4,
-    )  # fmt: skip
-
-
-def _means4(c: Any, k: Any, t: Any) -> Values:
-    y, kappa = 0.5 * c * t, k * t * t
-    q = kappa - y * y
-    if q <= -APART:
-        return _apart4(y, kappa, t)
-    if q < SERIES_BELOW:
-        basis = _series4(y, q, _terms(y, kappa))
-    else:
-        x = math.sqrt(q)
-        basis = _swing4(q, math.sin(x) / x, math.cos(x))
-    return _near4(c, k, t, math.exp(-y), kappa < SERIES_BELOW, *basis)
-
-
-def _next(y: Any, kappa: Any, below: Any, one: Any, zero: Any) -> Any:
-    """The function with s^2 on top, where s^2 = D - 2ys - kappa."""
-    return below - 2.0 * y * one - kappa * zero
-
-
-def _series4(y: Any, q: Any, terms: int) -> Values:
-    """The same sums for four powers of sigma^2 + q, and X1(0), X1(-1), X2(0), X3(0), X4(0)."""
-    total1 = total2 = total3 = total4 = 0.0
-    x1 = x2 = x3 = x4 = later1 = later2 = later3 = later4 = 0.0
-    for i in range(terms, 1, -1):
-        x4, later4 = later3 - q * later4, x4
-        x3, later3 = later2 - q * later3, x3
-        x2, later2 = later1 - q * later2, x2
-        x1, later1 = INVERSE_FACTORIAL[i] - q * later1, x1
-        total1, total2 = total1 * y + x1, total2 * y + x2
-        total3, total4 = total3 * y + x3, total4 * y + x4
-    return (
-        total1, total2, total3, total4, 1.0 - q * later1, 1.0 - q * x1,
-        later1 - q * later2, later2 - q * later3, later3 - q * later4,
-    )  # fmt: skip
-
-
-def _swing4(q: Any, p1: Any, v1: Any) -> Values:
-    p2 = 0.5 * (p1 - v1) / q
-    p3 = 0.25 * (3.0 * p2 - 0.5 * p1) / q
-    return 0.0, 0.0, 0.0, 0.0, p1, v1, p2, p3, (5.0 * p3 - 0.25 * p2) / (6.0 * q)
-
-
-def _near4(
-    c: Any, k: Any, t: Any, decay: Any, short: bool, f1: Any, f2: Any, f3: Any, f4: Any,
-    p1: Any, v1: Any, p2: Any, p3: Any, p4: Any,
-) -> Values:  # fmt: skip
-    y, kappa = 0.5 * c * t, k * t * t
-    p1, p2, p3, p4, v1 = decay * p1, decay * p2, decay * p3, decay * p4, decay * v1
-    u1, u2, u3, u4 = v1 - y * p1, p1 / 2.0 - y * p2, p2 / 4.0 - y * p3, p3 / 6.0 - y * p4
-    if short:
-        f1, f2, f3, f4 = decay * f1, decay * f2, decay * f3, decay * f4
-    else:
-        f1 = (1.0 - u1 - 2.0 * y * p1) / kappa
-        f2 = (f1 - u2 - 2.0 * y * p2) / kappa
-        f3 = (f2 - u3 - 2.0 * y * p3) / kappa
-        f4 = (f3 - u4 - 2.0 * y * p4) / kappa
-    a1 = -c * u1 - k * t * p1
-    a2, a3 = _next(y, kappa, p1, u2, p2), _next(y, kappa, p2, u3, p3)
-    a4, j1 = _next(y, kappa, p3, u4, p4), -c * a1 - k * u1
-    j2, j3 = _next(y, kappa, u1, a2, u2), _next(y, kappa, u2, a3, u3)
-    return (
-        f1, p1, u1, a1, j1, -c * j1 - k * a1, f2, p2, u2, a2, j2, f3, p3, u3, a3, j3,
-        f4, p4, u4, a4, _next(y, kappa, u3, a4, u4),
-    )  # fmt: skip
 
 
 def _apart4(y: Any, kappa: Any, t: Any) -> Values:
@@ -535,7 +345,114 @@ def _part(n: int, j: int, root: Any) -> Any:
     return math.exp(root) * total
 
 
-SCALAR = {"transients1": transients1, "transients2": transients2, "transients4": transients4}
+# The families, written from their tables: in `transients<b>` up to the power b of D, G_{n,b} has
+# the name of n below and the number b.
+
+NAMES = {-1: "f", 0: "p", 1: "u", 2: "a", 3: "j", 4: "s"}
+POWERS = ("1", "t", "t2", "t3", "t4", "t4 * t", "t3 * t3", "t4 * t3", "t4 * t4")
+"""Powers of the time in terms of its first ones."""
+SWINGS = {
+    2: "0.5 * (p1 - v1) / q",
+    3: "0.25 * (3.0 * p2 - 0.5 * p1) / q",
+    4: "(5.0 * p3 - 0.25 * p2) / (6.0 * q)",
+}
+"""Motions of (sigma^2 + q)^b from those of lower powers, where the series do not converge fast."""
+
+FAMILY = """
+def transients{order}(c, k, t):
+    return _timed{order}(t, *_means{order}(c, k, t))
+
+def _timed{order}(t, {names}):
+    {powers} = {times}
+    return {names}, {timed}
+
+def _means{order}(c, k, t):
+    y, kappa = 0.5 * c * t, k * t * t
+    q = kappa - y * y
+    if q <= -APART:
+        return _apart{order}(y, kappa, t)
+    if q < SERIES_BELOW:
+        basis = _series{order}(y, q, _terms(y, kappa))
+    else:
+        x = math.sqrt(q)
+        basis = _swing{order}(q, math.sin(x) / x, math.cos(x))
+    return _near{order}(c, k, t, math.exp(-y), kappa < SERIES_BELOW, *basis)
+
+def _series{order}(y, q, terms):
+    # of each power sums of y^i X(i+1), then X1(0), X1(-1) and X2(0), ...,
+    # where X(i) belongs to 1/(sigma^i (sigma^2 + q))
+    {zeros} = 0.0
+    for i in range(terms, 1, -1):
+        {steps}
+    return {totals}, 1.0 - q * later1, 1.0 - q * x1, {starts}
+
+def _swing{order}(q, p1, v1):
+    {swings}
+    return {nothing}, p1, v1, {motions}
+
+def _near{order}(c, k, t, decay, short, {falls}, p1, v1, {motions}):
+    # from those of sigma^2 + q; the falls are their sums in short flights only
+    y, kappa = 0.5 * c * t, k * t * t
+    {rates}
+    if short:
+        {brief}
+    else:
+        {long}
+    return {names}
+"""
+
+
+def family_text(order: int) -> str:
+    """Return the functions ``transients<order>`` and those that they call."""
+    of = {(n, b): f"{NAMES[n]}{b}" for n, b in TABLES[order]}
+    each, higher = range(1, order + 1), range(2, order + 1)
+
+    def rate(n: int, b: int) -> str:
+        if b == 1:
+            times = " * t" if n == 2 else ""
+            return "v1 - y * p1" if n == 1 else f"-c * {of[n - 1, 1]} - k{times} * {of[n - 2, 1]}"
+        if n == 1:
+            return f"p{b - 1} / {2 * b - 2}.0 - y * p{b}"
+        return f"{of[n - 2, b - 1]} - 2.0 * y * {of[n - 1, b]} - kappa * {of[n - 2, b]}"
+
+    later = [f"x{b}, later{b} = later{b - 1} - q * later{b}, x{b}" for b in reversed(higher)]
+    steps = [*later, "x1, later1 = INVERSE_FACTORIAL[i] - q * later1, x1"]
+    steps += [f"total{b} = total{b} * y + x{b}" for b in each]
+    rates = [f"{name} = decay * {name}" for name in ("v1", *(f"p{b}" for b in each))]
+    rates += [f"{of[n, b]} = {rate(n, b)}" for n, b in sorted(of) if n > 0]
+    if order == 1:  # one product less
+        rates = ["u1 = decay * (v1 - y * p1)", "p1 = decay * p1"]
+    before = {b: "1.0" if b == 1 else f"f{b - 1}" for b in each}
+    long = [f"f{b} = ({before[b]} - u{b} - 2.0 * y * p{b}) / kappa" for b in each]
+    parts = {
+        "names": ", ".join(of.values()),
+        "powers": "t2, t3, t4" if order > 1 else "t2",
+        "times": "t * t, t * t * t, t * t * (t * t)" if order > 1 else "t * t",
+        "timed": ", ".join(f"{POWERS[2 * b - 1 - n]} * {of[n, b]}" for n, b in MOTIONS[order]),
+        "zeros": " = ".join(f"{name}{b}" for name in ("total", "x", "later") for b in each),
+        "steps": "\n        ".join(steps),
+        "totals": ", ".join(f"total{b}" for b in each),
+        "starts": ", ".join(f"later{b - 1} - q * later{b}" for b in higher),
+        "swings": "\n    ".join(f"p{b} = {SWINGS[b]}" for b in higher) or "pass",
+        "nothing": ", ".join("0.0" for _ in each),
+        "motions": ", ".join(f"p{b}" for b in higher),
+        "falls": ", ".join(f"f{b}" for b in each),
+        "brief": "\n        ".join(f"f{b} = decay * f{b}" for b in each),
+        "long": "\n        ".join(long),
+        "rates": "\n    ".join(rates),
+    }
+    return FAMILY.format(order=order, **parts)
+
+
+SCALAR: dict[str, Callable[..., Values]] = {}
+for _order in TABLES:
+    _family: dict[str, Any] = {}
+    _text = family_text(_order)
+    exec(_text, globals(), _family)
+    for _function in _family.values():
+        _function.source = _text  # for `contimpact.segments.machine_code`
+    globals().update(_family)
+    SCALAR |= {name: f for name, f in _family.items() if not name.startswith("_")}
 
 
 # Free motions of an oscillator at many times at once, by the formulas of `transients`.
