@@ -29,7 +29,7 @@ from ..models.word import Word
 from ..orbits.orbit import Orbit
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
-from ..orbits.search import SAME_ORBIT, Search, mirror_orbit, reduce_period, rotate_to_word
+from ..orbits.search import SAME_ORBIT, Search, mirror_orbit, reduce_period
 from ..progress import (
     Asked,
     Progress,
@@ -447,10 +447,8 @@ class _Explorer:
         if self.symmetry is not None and problem.word.walls:
             images.append(mirror_orbit(*images[0], self.symmetry))
         for branch, run in zip(self.branches, self.runs, strict=True):
-            for image, moved in images:
-                aligned = rotate_to_word(image, moved, run.problem.word)
-                if aligned is not None and run.holds(aligned):
-                    return branch.id
+            if any(run.has(*image) for image in images):
+                return branch.id
         return None
 
     def record(self, entry: Entry, branch: str) -> None:

@@ -547,7 +547,7 @@ def _follow(
     runs: list[Run], scene: Scene, problem: OrbitProblem, unknowns: Array, limits: Range
 ) -> None:
     """Add the run through an orbit, unless it lies on one already."""
-    if not lies_on(runs, problem, unknowns):
+    if not any(run.has(problem, unknowns) for run in runs):
         runs.append(run_on_line(scene, problem, unknowns, limits))
 
 
@@ -571,15 +571,6 @@ def _nearby_orbit(problem: OrbitProblem, guess: Array, limits: Range) -> Array |
         return None if here is None else here.unknowns
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         return None
-
-
-def lies_on(runs: Sequence[Run], problem: OrbitProblem, unknowns: Array) -> bool:
-    """Whether an orbit lies on one of several runs, its word rotated perhaps."""
-    for run in runs:
-        turned = rotate_to_word(problem, unknowns, run.problem.word)
-        if turned is not None and run.holds(turned):
-            return True
-    return False
 
 
 def _raise_interruption(run: Run) -> None:
@@ -626,7 +617,7 @@ def _switch_run(scene: Scene, event: Event, known: Sequence[Run], limits: Range)
     if not probe.points:
         return None
     problem, unknowns = reduce_period(start.problem, probe.points[-1].unknowns, SAME_ORBIT_ON_LINES)
-    if lies_on(known, problem, unknowns):
+    if any(run.has(problem, unknowns) for run in known):
         return None
     stop = symmetric_end(start.problem)
     tests = tests_of(scene, start.problem)
@@ -841,7 +832,7 @@ class Lines:
                 starts = self.on_run(*source, line, problem, own)
             runs = line.runs if own else line.born
             for unknowns in starts:
-                if not lies_on([*line.runs, *line.born], problem, unknowns):
+                if not any(run.has(problem, unknowns) for run in (*line.runs, *line.born)):
                     runs.append(run_on_line(self.scene, problem, unknowns, limits))
                     new.append(runs[-1])
             self.evaluations += problem.kernel_evaluations

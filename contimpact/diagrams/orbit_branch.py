@@ -548,6 +548,11 @@ class Run:
                 return True
         return any(self._passes_at_turn(i, unknowns) for i in self._turning)
 
+    def has(self, problem: OrbitProblem, unknowns: Array) -> bool:
+        """Whether an orbit lies on this branch, its word rotated perhaps."""
+        turned = rotate_to_word(problem, unknowns, self.problem.word)
+        return turned is not None and self.holds(turned)
+
     @functools.cached_property
     def _turning(self) -> list[int]:
         """The ways from a row to the next one beside which the parameter turns back.
