@@ -277,6 +277,22 @@ def test_what_cannot_be_simulated_is_refused(call, where):
     assert refused.value.where == where
 
 
+def test_a_flight_is_that_of_a_run():
+    simulator = Simulator(masses())
+    run = simulator.run(simulator.state("A", 0.3, 2.0, [0.1, 0.2]), impacts=40)
+    flights = [
+        pair for pair in itertools.pairwise(run.states()) if not (pair[1].held or pair[1].released)
+    ]
+    assert len(flights) > 20
+    for before, after in flights:
+        wall, dt, velocity = simulator.fly(
+            before.wall, before.phase, before.velocity, before.others
+        )
+        expected = (after.turns - before.turns) * simulator.period + after.phase - before.phase
+        assert wall == after.wall
+        assert (dt, velocity) == pytest.approx((expected, after.velocity), abs=1e-10)
+
+
 def test_it_rests_for_ever_or_meets_nothing():
     rests = Simulator(masses(a1=0.0, sigma_1=-0.4, sigma_2=0.5), longest_flight=30)
     run = rests.run(rests.state("A", 0.0, 0.1, [-0.3, 0.0]), impacts=200)

@@ -465,6 +465,7 @@ def test_a_start_of_an_integrated_flight_is_refused():
         (lambda s: s.state("T", 0.0, 1.0), "velocity"),
         (lambda s: s.run(State(0, 0.1, 0.5)), "impacts"),
         (lambda s: s.start(0.0, 5.0, 0.0), "position"),
+        (lambda s: s.start(0.0, 0.0, 0.0, "other"), "mode"),
     ],
 )
 def test_what_cannot_be_simulated(pair, simulator_of, call, where):
