@@ -259,9 +259,7 @@ class Orbit:
             counted = count_outside(flights)
             return (None, ON_CIRCLE) if counted is None else (counted - 1, "")
         try:
-            found = (_outside_of_two if self.space.problem.m == 2 else _count_outside)(
-                self, flights
-            )
+            found = _count_outside(self, flights)
         except (ValueError, ZeroDivisionError) as error:
             found = None, f"the multipliers are not isolated ({error})"
         if found[0] is None and not self.critical(ANYWHERE):
@@ -474,31 +472,8 @@ def characteristic(flights: Sequence[Flight]) -> tuple[Any, Any, Any]:
     return b, total[0][0] + total[1][1], a
 
 
-def _outside_of_two(orbit: Orbit, flights: Sequence[Flight]) -> Claim:
-    """How many of two multipliers lie outside, from the signs of their polynomial at 1 and -1.
-
-    Where they differ, one does; where they are the same, both or none, as their product tells.
-    """
-    b, c, a = characteristic(flights)
-    middles = np.roots([float(x.mid()) for x in (b, -c, a)])
-    own = len(orbit.critical(middles.tolist())) if len(middles) == 2 else 0
-    inside, outside = abs(a) < abs(b), abs(a) > abs(b)
-    if own == 2 and not abs(c) < 2 * abs(b):
-        return None, "the pair of multipliers may be real"
-    if own == 2:
-        return 0, ""
-    if own == 0:
-        at_one, at_minus_one = b - c + a, b + c + a
-        if at_one * at_minus_one < 0:
-            return 1, ""
-        inside, outside = (found and at_one * at_minus_one > 0 for found in (inside, outside))
-    if not (inside or outside):
-        return None, f"the polynomial of the multipliers is {b.str(6)}, {c.str(6)}, {a.str(6)}"
-    return (2 - own if outside else 0), ""
-
-
 def _count_outside(orbit: Orbit, flights: Sequence[Flight]) -> Claim:
-    """The same of more multipliers, from enclosures of all of them."""
+    """How many multipliers lie outside, those of the event set aside, from enclosures of all."""
     found = multipliers(flights)
     own = orbit.critical([complex(float(mu.real.mid()), float(mu.imag.mid())) for mu in found])
     if len(own) == 2 and any(found[i].imag.contains(0) for i in own):
