@@ -30,7 +30,7 @@ from ..models.guards import Row, following_letters, state_before, state_size
 from ..models.model import Model
 from ..models.word import Word
 from ..segments.arithmetic import ARRAYS, evaluate_in
-from ..segments.flight import FlightGaps, Touch, chebyshev_zeros, rounding_along, touch_of
+from ..segments.flight import FlightGaps, Touch, breaks_of, touch_of
 from ..segments.integration import IntegratedTrack, integrated_track, join_flights
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION
@@ -329,11 +329,7 @@ class QuietProblem(OrbitProblem):
         """The extrema of a guard's gap coordinate."""
         values, state = self.values(unknowns), self.state(unknowns)
         length, kernel = self.times_around(unknowns, 0)[1], self.kernels.since(wall)
-        along = evaluate_in(kernel, ARRAYS)
-        rounding = rounding_along(kernel, state, values)
-        breaks = chebyshev_zeros(
-            lambda dt: along(*state, dt, *values)[2], length, rounding=rounding
-        )
+        breaks = breaks_of(kernel, state, values, length)
 
         def motion(head: Vector, dt: float, p: Vector) -> Moved:
             return kernel(*head, dt, *p)

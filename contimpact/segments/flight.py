@@ -180,6 +180,22 @@ def zeros_in_turn(
         yield [half + zero for zero in piece]
 
 
+def breaks_of(
+    kernel: Kernel,
+    head: Sequence[float],
+    values: Sequence[float],
+    length: float,
+    begin: float = 0.0,
+) -> list[float]:
+    """Return the zeros of an acceleration, a kernel's third result, in a window of a flight."""
+    vectorised = evaluate_in(kernel, ARRAYS)
+    return chebyshev_zeros(
+        lambda dt: vectorised(*head, begin + dt, *values)[2],
+        length,
+        rounding=rounding_along(kernel, head, values, begin),
+    )
+
+
 def rounding_along(
     kernel: Kernel, head: Sequence[float], values: Sequence[float], begin: float = 0.0
 ) -> Rounding:
@@ -379,26 +395,16 @@ def excursion_of(kernels: Kernels, in_time: bool) -> Callable[..., Any]:
             if found[4] != math.inf:
                 return found
         wall = named[head[0]]
+        about = length, arriving, left_side, reached_side
         if kernels.linear(wall.name):
-            track = track_of(kernels.law(wall.name)(*head[1:], *values), length)
-            curve = track.along(wall.row(kernels.model.DEGREES_OF_FREEDOM), from_start=True)
-            sides, breaks = (left_side, reached_side), curve.breaks()
-            return excursions(curve, (), (), length, arriving, *sides, breaks, 0.0, math.inf)
-        if kernels.integrated(wall.name):
-            flown = integrated_track(kernels, wall.name, head[1:], values, length)
-            along = flown.along(wall.row(1), from_start=True)
-            sides = left_side, reached_side
-            return excursions(
-                along, (), (), length, arriving, *sides, along.breaks(), 0.0, math.inf
-            )
-        kernel = kernels.motion(wall.name)
-        vectorised, rounding = evaluate_in(kernel, ARRAYS), rounding_along(kernel, head[1:], values)
-        breaks = chebyshev_zeros(
-            lambda dt: vectorised(*head[1:], dt, *values)[2], length, rounding=rounding
-        )
-        return excursions(
-            motion, head, values, length, arriving, left_side, reached_side, breaks, 0.0, math.inf
-        )
+            track: Any = track_of(kernels.law(wall.name)(*head[1:], *values), length)
+        elif kernels.integrated(wall.name):
+            track = integrated_track(kernels, wall.name, head[1:], values, length)
+        else:
+            breaks = breaks_of(kernels.motion(wall.name), head[1:], values, length)
+            return excursions(motion, head, values, *about, breaks, 0.0, math.inf)
+        curve = track.along(wall.row(kernels.model.DEGREES_OF_FREEDOM), from_start=True)
+        return excursions(curve, (), (), *about, curve.breaks(), 0.0, math.inf)
 
     return excursion
 
@@ -406,9 +412,14 @@ def excursion_of(kernels: Kernels, in_time: bool) -> Callable[..., Any]:
 def touch_of(flight: int, start: float, wall: Guard, distance: float, found: Any) -> Touch | None:
     """Return the smallest gap to a wall, at a distance from where displacements are measured, among
     the turning points towards it: what `excursions` found, in times counted from `start`."""
-    high, when_high, low, when_low = found[:4]
-    gap, dt = (distance - high, when_high) if wall.side > 0 else (low - distance, when_low)
+    gap, dt = smallest_gap(wall, distance, found)
     return None if math.isnan(gap) else Touch(flight, wall.name, start + dt, gap)
+
+
+def smallest_gap(wall: Guard, distance: float, found: Any) -> tuple[float, float]:
+    """Return the same gap, and its time; not numbers where there is none."""
+    high, when_high, low, when_low = found[:4]
+    return (distance - high, when_high) if wall.side > 0 else (low - distance, when_low)
 
 
 # Where a flight first hits a wall, with certainty.

@@ -10,15 +10,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from ..arrays import Array
 from ..models.guards import Guard, Row, slides_at, state_before
 from ..models.model import Model
-from .arithmetic import ARRAYS, Kernel, evaluate_in
-from .flight import FlightGaps, Touch, chebyshev_zeros, flight_gaps, rounding_along
+from .arithmetic import Kernel
+from .flight import FlightGaps, Touch, breaks_of, flight_gaps, smallest_gap, touch_of
 from .integration import track_between
 from .kernels import Kernels
 from .oscillation import Motion, excursions
@@ -153,8 +153,8 @@ def interior_touches(
             else:
                 other = linear_flight if kernels.linear(wall) else other_flight
                 motions = other(kernels, wall, leave, length, values)
-            touches, slowest = _touches(kernels, ends, motions, positions, length, arrive[1])
-            moved = (None if t is None else Touch(k, t[0], leave[0] + t[1], t[2]) for t in touches)
+            flown.append(Flight(k, ends, leave[0], length, arrive[1], motions))
+            touches, slowest = _touches(kernels, flown[-1], positions)
             guard = kernels.model.WALLS[ends[0]]
             begun = (
                 *not_past(kernels, guard, leave, values, positions),
@@ -163,8 +163,7 @@ def interior_touches(
             past = [Touch(k, name, leave[0], gap) for name, gap in begun]
             ended = ends_beyond(kernels, ends, motions, positions, length)
             past += [Touch(k, name, arrive[0], gap) for name, gap in ended]
-            found.append(FlightGaps(length, tuple(moved), slowest, tuple(past)))
-            flown.append(Flight(k, ends, leave[0], length, arrive[1], motions))
+            found.append(FlightGaps(length, tuple(touches), slowest, tuple(past)))
         else:
             found.append(FlightGaps(length, (None,) * len(positions)))
     for touch in _leaving_at_once(kernels, flown, positions, span):
@@ -235,11 +234,7 @@ def other_flight(
     """Return each of the `coordinates` on a flight by its kernels."""
 
     def seen(kernel: Kernel) -> Seen:
-        vectorised = evaluate_in(kernel, ARRAYS)
-        rounding = rounding_along(kernel, leave, values)
-        breaks = chebyshev_zeros(
-            lambda dt: vectorised(*leave, dt, *values)[2], length, rounding=rounding
-        )
+        breaks = breaks_of(kernel, leave, values, length)
         return (lambda head, dt, p: kernel(*leave, dt, *values)), breaks
 
     guards = kernels.model.WALLS
@@ -248,17 +243,12 @@ def other_flight(
 
 
 def _touches(
-    kernels: Kernels,
-    ends: tuple[int, int],
-    motions: Sequence[Seen],
-    positions: Sequence[float],
-    length: float,
-    arriving: float,
-) -> tuple[list[tuple[str, float, float] | None], float]:
-    """The nearest touch of each wall as (wall, time after leaving, gap), and the slowest turn."""
+    kernels: Kernels, flight: Flight, positions: Sequence[float]
+) -> tuple[list[Touch | None], float]:
+    """The nearest touch of each wall, and the slowest turn."""
     guards, passages = kernels.model.WALLS, kernels.passages
-    left, reached = ends
-    touches: list[tuple[str, float, float] | None] = [None] * len(positions)
+    number, (left, reached), start, length, arriving, motions = flight
+    touches: list[Touch | None] = [None] * len(positions)
     slowest = math.nan
     for (motion, breaks), numbers in zip(motions, coordinates(kernels.model).values(), strict=True):
         leaving = passages.leaving[left] if left in numbers else 0.0
@@ -268,7 +258,7 @@ def _touches(
         found = excursions(motion, (), (), length, speed, *sides, breaks, 0.0, math.inf)
         for i in numbers:
             if passages.watched[left][i] and not guards[i].past:
-                touches[i] = _touch(guards[i], positions[i], found)
+                touches[i] = touch_of(number, start, guards[i], positions[i], found)
         if not abs(found[4]) >= abs(slowest):
             slowest = found[4]
     return touches, slowest
@@ -360,15 +350,8 @@ def _deepest(
         motion, (), (), flight.length, arriving[0], 0.0, arriving[1], breaks, 0.0, math.inf
     )
     deep = [(-least, 0.0), (guard.side * (position - last), flight.length)]
-    turned = _touch(guard, position, found)
-    if turned is not None:
-        deep.append((turned[2], turned[1]))
+    turned = smallest_gap(guard, position, found)
+    if not math.isnan(turned[0]):
+        deep.append(turned)
     gap, dt = min(deep)
     return Touch(flight.number, guard.name, flight.start + dt, gap)
-
-
-def _touch(guard: Guard, position: float, found: Any) -> tuple[str, float, float] | None:
-    """The smallest gap to a wall among the turning points towards it."""
-    high, when_high, low, when_low = found[:4]
-    gap, dt = (position - high, when_high) if guard.side > 0 else (low - position, when_low)
-    return None if math.isnan(gap) else (guard.name, dt, gap)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array, Vector
-from .linear_flow import Shape, generator_of, mean_rates, norm_in_units, series_of_floats
+from .linear_flow import BEYOND, Shape, generator_of, mean_rates, norm_in_units, series_of_floats
 
 # Zeros of polynomials in pieces, each isolated by the signs of Bernstein coefficients.
 #
@@ -103,6 +103,19 @@ MOST_PIECES = 200_000
 time."""
 
 
+def turns_of(shape: Shape, generator: Array, length: float) -> float:
+    """Return a bound of the radians by which motions of a law turn in a time.
+
+    Raises OverflowError for numbers beyond the range of floats, or more than `MOST_PIECES`.
+    """
+    size = norm_in_units(shape, generator) * length
+    if not size < math.inf:
+        raise OverflowError(BEYOND)
+    if size > MOST_PIECES:
+        raise OverflowError(f"a linear flight that turns by {size:.3g} radians")
+    return size
+
+
 class Pieces:
     """How linear flights of one law and positive duration are cut; see the head of the module. The
     numbers are those of `linear_flow.flow`, without the duration."""
@@ -110,12 +123,7 @@ class Pieces:
     def __init__(self, shape: Shape, numbers: Sequence[float], length: float) -> None:
         self.freedom, self.length = shape.freedom, length
         self.generator = generator_of(shape, numbers)
-        size = norm_in_units(shape, self.generator) * length
-        if not size < math.inf:
-            raise OverflowError("a linear flight with numbers beyond the range of floats")
-        if size > MOST_PIECES:
-            raise OverflowError(f"a linear flight that turns by {size:.3g} radians")
-        self.count = max(1, math.ceil(size))
+        self.count = max(1, math.ceil(turns_of(shape, self.generator, length)))
         self.piece = length / self.count
         self.mean, _ = mean_rates(self.generator, self.piece, series_of_floats)
         self.step = self.generator * self.piece

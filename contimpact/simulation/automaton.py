@@ -34,6 +34,7 @@ from ..segments.track import Pieces, Track
 from .flights import (
     NUDGE,
     SHORTEST,
+    TOGETHER,
     Contact,
     KernelWindow,
     LinearMotion,
@@ -182,8 +183,6 @@ def _gaps_by_kernels(automaton: Automaton, state: State, _: int, dt: Array) -> t
     return np.array([x for x, _, _ in moved]).T, np.array([v for _, v, _ in moved]).T
 
 
-TOGETHER = 1e-14
-"""Arrivals within this part of a period are at one time; the fastest of them comes first."""
 SLOW = 0.05
 """Flights after an impact slower than this part of the fastest may be short."""
 MOVED = 1e-10

@@ -14,9 +14,9 @@ from ..arrays import Array
 from ..models.guards import Guard, pivot
 from ..segments.arithmetic import ARRAYS, Arithmetic, Kernel, evaluate_in
 from ..segments.flight import (
+    breaks_of,
     chebyshev_coefficients,
     chebyshev_nodes,
-    chebyshev_zeros,
     first_arrival,
     first_hit,
     rounding_along,
@@ -368,6 +368,8 @@ which the acceleration has one sign, and where displacements are measured from."
 
 REPEATED = 4e-16
 """States that differ by less, by their size, are one to rounding."""
+TOGETHER = 1e-14
+"""Arrivals within this part of a period are at one time; the fastest of them comes first."""
 
 SHORTEST = 0.125
 """The first window of flights that may be short, in periods."""
@@ -494,17 +496,12 @@ class KernelWindow:
         own = guard.row(size) == self.guard.row(size)
         kernels, left = self.kernels, self.guard.name
         kernel = kernels.motion(left) if own else kernels.gap(left, guard.name)
-        vectorised = evaluate_in(kernel, ARRAYS)
         head, values, begin = (self.start.phase, *self.start.section), self.values, self.begin
 
         def motion(_: Any, dt: float, __: Any) -> Any:
             return kernel(*head, begin + dt, *values)
 
-        breaks = chebyshev_zeros(
-            lambda dt: vectorised(*head, begin + dt, *values)[2],
-            self.length,
-            rounding=rounding_along(kernel, head, values, begin),
-        )
+        breaks = breaks_of(kernel, head, values, self.length, begin)
         return motion, breaks, self.position if own else 0.0
 
     def bounds(self, guard: Guard) -> tuple[float, float]:

@@ -35,15 +35,15 @@ from ..segments.linear_flow import (
     Shape,
     generator_of,
     mean_rates,
-    norm_in_units,
     scales_of,
     series_of_floats,
 )
 from ..segments.segment import ELSEWHERE, Passages
-from ..segments.track import MOST_PIECES
+from ..segments.track import turns_of
+from .flights import REPEATED, TOGETHER
 from .impacts import DONE, NO_IMPACT, RUNAWAY, SHORT, wrap_time
 from .one_coordinate import DTYPES, Engine, array, formulas
-from .run import Call, Outcome, State
+from .run import OUTCOMES, Call, Outcome, State
 
 if TYPE_CHECKING:
     from ..segments.machine_code import Program
@@ -52,11 +52,6 @@ TERMS = 18
 """Powers of the polynomials."""
 PARTS = 500
 """Parts of a piece at most; what is not resolved then is left to the `automaton`."""
-REPEATED = 4e-16
-"""States that differ by less, by their size, are one to rounding."""
-TOGETHER = 1e-14
-"""Arrivals within this part of a period are at one time; the fastest of them comes first."""
-
 BEYOND, LEFT = 5, 6
 """Why a run ended, besides those of `impacts`: a jump led behind a guard, as
 `contimpact.simulation.run.Outcome` has it; or the next flight is left to the `automaton`."""
@@ -487,12 +482,7 @@ def piece_count(shape: Shape, generator: Array, period: float) -> int:
 
     Raises OverflowError for numbers beyond the range of floats, or motions that turn too often.
     """
-    scales = scales_of(shape, generator)
-    size = norm_in_units(shape, generator) * period
-    if not size < math.inf:
-        raise OverflowError("a linear flight with numbers beyond the range of floats")
-    if size > MOST_PIECES:
-        raise OverflowError(f"a linear flight that turns by {size:.3g} radians")
+    scales, size = scales_of(shape, generator), turns_of(shape, generator, period)
     if size == 0.0:
         return 1
     turned = generator * (scales / scales[:, None]) * (period / size)  # of norm 1
@@ -728,7 +718,3 @@ class LinearRuns:
         sections = np.asarray(columns[3][: made * self.size], float).reshape(made, self.size)
         none = np.zeros(made, np.int64)
         return [walls, turns, phases, sections[:, 0], none > 0, sections[:, 1:], none]
-
-
-OUTCOMES = tuple(Outcome)
-"""Outcomes by their numbers here."""

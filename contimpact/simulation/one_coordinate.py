@@ -35,7 +35,7 @@ from .impacts import (
     wall_on,
     wrap_time,
 )
-from .run import Call, Outcome, OutsideError, State, join_runs, wall_into
+from .run import OUTCOMES, Call, Outcome, OutsideError, State, join_runs, wall_into
 
 if TYPE_CHECKING:
     from ..segments.machine_code import Program
@@ -185,9 +185,6 @@ def derivative_of_pair(
         )
 
     return derivative
-
-
-_OUTCOMES = tuple(Outcome)
 
 
 class OneCoordinate:
@@ -444,7 +441,7 @@ class OneCoordinate:
             if self._engine:
                 self._engine.plain += count
         end = State(int(at[0]), float(when[0]), float(when[1]), int(at[1]))
-        return end, _OUTCOMES[at[2]], count, [column[:count] for column in columns]
+        return end, OUTCOMES[at[2]], count, [column[:count] for column in columns]
 
     def batch(self, asked: int) -> Call | None:
         """Return compiled code for many motions; None where the work is not worth it."""

@@ -40,6 +40,10 @@ class Outcome(enum.Enum):
     )
 
 
+OUTCOMES = tuple(Outcome)
+"""Outcomes by their numbers in `contimpact.simulation.impacts`."""
+
+
 @dataclass(frozen=True)
 class State:
     """The body at a wall just before an impact, or at rest there if the velocity is zero."""

@@ -34,7 +34,7 @@ from .flights import LinearMotion
 from .impacts import DONE
 from .linear_flights import LEFT
 from .one_coordinate import OneCoordinate
-from .run import Call, Outcome, Run, State, states_of
+from .run import OUTCOMES, Call, Outcome, Run, State, states_of
 
 CHUNK, FEW = 65536, 256
 """Rows made at once, at most and at first: interrupts come through between chunks."""
@@ -379,7 +379,6 @@ def has_several_coordinates(model: Model, kernels: Kernels) -> bool:
 # starts: compiled code does not hold Python's lock. What it leaves to Python is made one start
 # after the other, so that the results are those of `Simulator.run`.
 
-OUTCOMES = tuple(Outcome)
 LONGEST = 65536
 """Impacts of a start made in one call at most."""
 PARTS = 4

@@ -18,7 +18,7 @@ from contimpact.orbits.quiet import QuietProblem
 from contimpact.orbits.search import find_orbits
 from contimpact.results.catalogue import load_diagram, write_diagram
 from contimpact.results.scene import read_scene
-from contimpact.segments.flight import chebyshev_zeros
+from contimpact.segments.flight import breaks_of
 from contimpact.segments.kernels import Kernels
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
@@ -181,10 +181,10 @@ def test_no_forcing_at_all_costs_no_more_than_some(c, k, monkeypatch):
     counts = []
 
     def counted(*given, **options):
-        counts.append(len(found := chebyshev_zeros(*given, **options)))
+        counts.append(len(found := breaks_of(*given, **options)))
         return found
 
-    monkeypatch.setattr(module, "chebyshev_zeros", counted)
+    monkeypatch.setattr(module, "breaks_of", counted)
     (orbit,) = find_orbits(
         Oscillator(a=0.1, omega=1.0, c=c, k=k, sigma=1.0, r=0.8), "0", parameter="a"
     )
