@@ -131,6 +131,7 @@ def add_page(scene: Scene, diagram: Diagram, files: Files, tell: Progress) -> No
 
     plot = scene.plot
     remarks = remarks_in(diagram.statistics, diagram.coverage)
-    shown = PageView(plot.x, plot.xlim, plot.ylim, plot.unphysical, scene.source, remarks)
+    begins = plot.x, plot.xlim, plot.ylim, plot.unphysical
+    shown = PageView(*begins, scene.source, remarks, plot.margin)
     motions = motions_in(files.folder, diagram, scene.model, tell)
     files.add(lambda: save_page(diagram, scene.model, files.folder, shown, tell, motions))

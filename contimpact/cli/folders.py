@@ -148,7 +148,7 @@ def draw_page(
     diagram, scene, manifest = _open(folder, systems_of(options.system) if options else {})
     plot, model, _ = _drawing_options(diagram, scene)
     chosen = _plot_choices(plot, diagram, options) if options else {}
-    shown = PageView(plot.x, plot.xlim, plot.ylim, plot.unphysical)
+    shown = PageView(plot.x, plot.xlim, plot.ylim, plot.unphysical, margin=plot.margin)
     if scene is not None:
         remarks = [] if manifest is None else remarks_in(manifest, diagram.coverage)
         shown = dataclasses.replace(shown, source=scene.source, remarks=remarks)

@@ -35,6 +35,7 @@ from ..results.diagram_reading import Reading, read, sentence_of
 from ..results.fractions import Share, shorten_names
 from ..results.quantities import GREEK, PI_BELOW, label_parts
 from ..results.ranges import Motion
+from ..results.scene import OUTPUT_ERROR
 from ..results.tables import coordinates
 from .orbits import Orbits, Tracks, stride
 from .sweeps import SweepSeries, pack_column
@@ -99,6 +100,8 @@ class PageView:
     """Source that the scene names."""
     remarks: Sequence[str] = ()
     """Remarks for the reader: that the run was ended early, what it could not find."""
+    margin: float | None = None
+    """Stretches of stable orbits with a smaller margin are shaded."""
 
 
 def remarks_in(statistics: Mapping[str, Any], coverage: Sequence[Coverage] = ()) -> list[str]:
@@ -157,6 +160,7 @@ def page_data(
         "shown": dataclasses.asdict(shown) | {"remarks": remarks},
         "parameter": varying[0],
         "varying": varying,
+        "quantities": list(dict.fromkeys(name for b in branches for name in _quantities(b))),
         "fixed": shared_parameters(branches, derived) if branches else _constant(swept, derived),
         "units": _units(branches, model),
         "walls": _walls(branches, model),
@@ -283,9 +287,11 @@ def _varying_parameters(branches: Sequence[Branch], x: str) -> list[str]:
 
 
 def _branch(branch: Branch, tracks: Tracks | None, every: int) -> dict[str, Any]:
-    names = [*branch.parameters, "arclength", "smallest_gap"]
+    names = [*branch.parameters, "arclength", "smallest_gap", *_quantities(branch)]
     marked = np.nonzero(branch["event"] != "")[0]
     known, reasons = np.unique(branch["reason"].astype(str), return_inverse=True)
+    ending = branch.columns.get("margin_event", np.zeros(len(branch), str)).astype(str)
+    nearest, event = np.unique(ending, return_inverse=True)
     record = {name: getattr(branch, name) for name in ("id", "word", "notation")}
     record |= {"period": branch.period or 1}
     record |= {"parameter": branch.parameter, "from": branch.origin, "rows": len(branch)}
@@ -304,11 +310,19 @@ def _branch(branch: Branch, tracks: Tracks | None, every: int) -> dict[str, Any]
         "status": pack_column(_pieces(branch), "u1"),
         "reasons": known.tolist(),
         "reason": pack_column(reasons.ravel(), "u4"),
+        "nearest": nearest.tolist(),
+        "margin_event": pack_column(event.ravel(), "u4"),
         "tracks": None,
     }
     if tracks is not None:
         record["tracks"] = tracks.record(_orbits(branch), _kept_rows(len(branch), every, marked))
     return record
+
+
+def _quantities(branch: Branch) -> list[str]:
+    """Columns that may be drawn: the margin, and outputs, which have estimates of their errors."""
+    names = branch.columns
+    return [n for n in names if n == "margin" or f"{n}{OUTPUT_ERROR}" in names]
 
 
 def _pieces(branch: Branch) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+import numpy as np
 import pytest
 
 from contimpact.diagrams.curves import follow_curve
@@ -52,6 +53,24 @@ def masses_scene():
 @pytest.fixture(scope="session")
 def masses(masses_scene):
     return follow(masses_scene)
+
+
+@pytest.fixture(scope="session")
+def small_margins(small, small_scene):
+    """It with margins that are distances to the period doubling, in tolerances of 0.01 m, and an
+    output, s again; and its scene, which shades margins below 1."""
+    doubling = next(e for e in small.entries if e.kind == "PD")
+    branches = []
+    for branch in small.branches:
+        shown = branch.stable & branch.physical & (branch.id == doubling.branch)
+        margins = np.where(shown, abs(branch["s"] - doubling.value) / 0.01, np.nan)
+        events = np.where(shown, "PD", "").astype(object)
+        columns = {"margin": margins, "margin_event": events, "size": branch["s"]}
+        columns |= {"size_error": 0.0 * margins}
+        branches.append(dataclasses.replace(branch, columns={**branch.columns, **columns}))
+    plot = dataclasses.replace(small_scene.plot, margin=1.0)
+    scene = dataclasses.replace(small_scene, plot=plot)
+    return dataclasses.replace(small, branches=branches), scene
 
 
 @pytest.fixture(scope="session")

@@ -201,7 +201,8 @@ def reader(driver, tmp_path):
 
     def opened(diagram, scene, fragment="", swept=(), **more):
         plot, path = scene.plot, tmp_path / "diagram.html"
-        shown = PageView(plot.x, plot.xlim, plot.ylim, plot.unphysical, scene.source)
+        begins = plot.x, plot.xlim, plot.ylim, plot.unphysical
+        shown = PageView(*begins, scene.source, margin=plot.margin)
         text = page_text(diagram, scene.model, shown, swept, **more)
         path.write_text(text, encoding="utf-8")
         (tmp_path / "downloads").mkdir(exist_ok=True)
@@ -255,6 +256,40 @@ def test_basin_fractions_stand_below_the_diagram(reader, computed):
     )
     assert names == ["1:1", "2:1"]
     assert "75 % (0 % to 100 %)" in page.run("return document.querySelector('.band1').textContent")
+
+
+def test_small_margins_are_shaded_and_margins_are_an_axis(reader, small_margins):
+    """Shading reaches from the period doubling one tolerance of s along the stable branch."""
+    diagram, scene = small_margins
+    (doubling,) = (e for e in diagram.entries if e.kind == "PD")
+    page = reader(diagram, scene)
+    low, high = page.run(
+        "const b = document.querySelector('#diagram .small').getBBox(); return [b.x, b.x + b.width]"
+    )
+    ticks = page.run(
+        "return [...document.querySelectorAll('#diagram g.below .tick')].map(t =>"
+        "[+t.textContent, t.transform.baseVal[0].matrix.e])"
+    )
+    scale = np.polyfit(*np.transpose(ticks), 1)
+    span = scene.model.replace(s=0.01)["d"]
+    start = doubling.parameters["d"]
+    assert [low, high] == pytest.approx(np.polyval(scale, [start, start + span]), abs=0.7)
+    key = "return [...document.querySelectorAll('.key text')].map(t => t.textContent)"
+    assert "margin below 1" in page.run(key)
+    assert not reader(*small_margins, "hide=margin+below+1").all("#diagram .margins path[d*=M]")
+    row = int(np.nanargmax(diagram[doubling.branch]["margin"]))
+    margin = diagram[doubling.branch]["margin"][row]
+    page = reader(*small_margins, f"y=column%3Amargin&at={doubling.branch}:{row}")
+    assert "margin (tolerances)" in page.text("#diagram .frames")
+    assert f"margin (tolerances){margin:.6g} to PD" in page.text("#orbit-numbers")
+    assert page.run("return document.querySelector('#y').selectedOptions[0].text") == (
+        "margin (tolerances)"
+    )
+    page.one("#save-csv").click()
+    for one in page.table("points.csv"):
+        branch, at = diagram[one["branch"]], int(one["row"])
+        assert float(one["value"]) == float(one["margin"]) == branch["margin"][at]
+        assert one["margin_event"] == "PD"
 
 
 def test_attractors_of_no_branch_are_in_the_strip(reader, computed):

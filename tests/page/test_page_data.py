@@ -69,6 +69,24 @@ def test_columns_are_those_of_the_branches(small, data):
         assert reasons.tolist() == branch["reason"].tolist()
 
 
+def test_margins_and_outputs_are_columns(small, small_margins, data):
+    """Branches without them have none, and are as they were but for empty texts."""
+    assert data["quantities"] == []
+    assert data["shown"]["margin"] is None
+    diagram, scene = small_margins
+    found = page_data(diagram, scene.model, PageView("d", margin=1.0))
+    assert found["quantities"] == ["margin", "size"]
+    assert found["shown"]["margin"] == 1.0
+    for branch, record in zip(diagram.branches, found["branches"], strict=True):
+        rows = len(branch)
+        for name in ("margin", "size"):
+            assert np.array_equal(
+                unpacked(record["columns"][name], rows), branch[name], equal_nan=True
+            )
+        events = np.array(record["nearest"])[unpacked(record["margin_event"], rows).astype(int)]
+        assert events.tolist() == branch["margin_event"].tolist()
+
+
 def test_events_stand_on_their_rows(small, data):
     assert [entry["id"] for entry in data["entries"]] == [entry.id for entry in small.entries]
     for entry in data["entries"]:

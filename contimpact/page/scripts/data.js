@@ -14,7 +14,7 @@
  * @typedef {{id: string, word: string, period: number, notation: string, parameter: string, from: string | null,
  *   rows: number, ends: string[], missed: string[], notes: string[], columns: Record<string, Packed>,
  *   times: Packed, velocities: Packed, multipliers: Packed, unstable: Packed, physical: Packed, status: Packed,
- *   reasons: string[], reason: Packed, tracks: Tracks | null}} Branch
+ *   reasons: string[], reason: Packed, nearest: string[], margin_event: Packed, tracks: Tracks | null}} Branch
  */
 /**
  * @typedef {{direction: string, kind: string, notation: string, word: string, period: number | null, rows: number,
@@ -71,11 +71,11 @@
  */
 /** @typedef {{entry: string, attractor: string, orbit: string, type: string | null, after: string}} Crisis */
 /**
- * @typedef {{name: string, version: string, parameter: string, varying: string[], fixed: Record<string, number>,
- *   units: Record<string, string>, walls: string[], every: number, own: number, unknown: string | null,
+ * @typedef {{name: string, version: string, parameter: string, varying: string[], quantities: string[],
+ *   fixed: Record<string, number>, units: Record<string, string>, walls: string[], every: number, own: number, unknown: string | null,
  *   greek: Record<string, string>, pi_below: number,
  *   shown: {x: string, xlim: [number, number] | null, ylim: [number, number] | null, unphysical: string,
- *     source: string, remarks: string[]},
+ *     source: string, remarks: string[], margin: number | null},
  *   members: {fixed: Record<string, number>, branches: number[]}[], branches: Branch[], entries: Entry[],
  *   looks: Record<string, {marker: string, colour: string, touching: boolean}>,
  *   reading: {stable: Run[], transitions: Transition[], crises: Crisis[], scenarios: {entry: string, text: string}[],
@@ -125,7 +125,7 @@ function unpacked(packed, length) {
  * @typedef {{id: string, layer: "branch" | "swept", notation: string, word: string, period: number, rows: number,
  *   columns: Record<string, Numbers>, starts: Numbers, times: Numbers, velocities: Numbers, walls: Numbers,
  *   multipliers: Numbers, unstable: Numbers | null, physical: Numbers | null, status: Uint8Array,
- *   reason: (row: number) => string, tracks: Tracks | null, branch: Branch | null, swept: Swept | null,
+ *   reason: (row: number) => string, nearest: (row: number) => string, tracks: Tracks | null, branch: Branch | null, swept: Swept | null,
  *   parameter: string, made: Map<string, Numbers>}} Family
  */
 
@@ -148,7 +148,8 @@ function familyOfBranch(branch) {
     count = word.length;
   const unstable = unpacked(branch.unstable, rows),
     physical = unpacked(branch.physical, rows);
-  const reason = unpacked(branch.reason, rows);
+  const reason = unpacked(branch.reason, rows),
+    event = unpacked(branch.margin_event, rows);
   return {
     id: branch.id,
     layer: "branch",
@@ -167,6 +168,7 @@ function familyOfBranch(branch) {
     physical,
     status: Uint8Array.from(unpacked(branch.status, rows)),
     reason: (row) => branch.reasons[reason[row]],
+    nearest: (row) => branch.nearest[event[row]],
     tracks: branch.tracks,
     branch,
     swept: null,
@@ -200,6 +202,7 @@ function familyOfSwept(swept, place) {
     physical: null,
     status: new Uint8Array(swept.rows),
     reason: () => "",
+    nearest: () => "",
     tracks: swept.tracks,
     branch: null,
     swept,
@@ -247,6 +250,12 @@ function moduli(family, j) {
   });
 }
 
+const COLUMN = "column:";
+/** The margin and outputs as y: what their names have before them, and a reader's names. @type {Record<string, string>} */
+const COLUMNS_DRAWN = Object.fromEntries(
+  page.quantities.map((name) => [COLUMN + name, name === "margin" ? "margin (tolerances)" : name]),
+);
+
 /**
  * What is drawn of a branch over the x axis: lines, each of a wall or of none (-1).
  * @param {Family} family
@@ -256,6 +265,10 @@ function moduli(family, j) {
 function linesOf(family, y) {
   const numbered = (/** @type {number} */ n) => Array.from({ length: n }, (_, j) => j);
   if (y === "gap") return [{ wall: -1, values: family.columns.smallest_gap, name: "gap" }];
+  if (y.startsWith(COLUMN)) {
+    const name = y.slice(COLUMN.length);
+    return [{ wall: -1, values: family.columns[name], name }];
+  }
   if (y === "multiplier") {
     return numbered(family.multipliers.length / (2 * family.rows)).map((j) => {
       const name = `|mu${j + 1}|`;

@@ -103,7 +103,9 @@ function home() {
   return { x: across, y: up ?? widened(y, 0.06) };
 }
 
+/** @type {Record<string, string>} */
 const Y_NAMES = {
+  ...COLUMNS_DRAWN,
   velocity: "impact velocity (before impact)",
   multiplier: "size of multipliers",
   gap: "smallest gap",
@@ -134,7 +136,7 @@ function drawDiagram() {
   drawn = { box, limits, x, y };
   const names = {
     x: withUnit(state.x),
-    y: Y_NAMES[/** @type {"gap"} */ (state.y)],
+    y: Y_NAMES[state.y],
     ticks: /** @type {[number, number]} */ ([narrow ? 4 : 9, 7]),
   };
   const inside = drawFrame(diagram, box, { x, y }, names);
@@ -148,6 +150,7 @@ function drawDiagram() {
     .attr("x2", box.right)
     .attr("y1", y(level))
     .attr("y2", y(level));
+  shadeMargins(group(inside, "margins"));
   drawBranches(group(inside, "branches"));
   drawSwept(group(inside, "attractors"));
   drawEvents(group(inside, "events"));
@@ -160,7 +163,7 @@ function drawDiagram() {
   drawBands(group(diagram, "bands"), below);
   drawKey(group(diagram, "key"), key, below + 8 + bandsHeight());
   const said =
-    `Bifurcation diagram of ${page.name}: ${Y_NAMES[/** @type {"gap"} */ (state.y)]} against ${withUnit(state.x)} from ` +
+    `Bifurcation diagram of ${page.name}: ${Y_NAMES[state.y]} against ${withUnit(state.x)} from ` +
     `${shown(limits.x[0], 5)} to ${shown(limits.x[1], 5)}; ${shownFamilies("branch").length} branches, ${shownEntries().length} events. ` +
     "Use the arrow keys to go along a branch, or the table of events below.";
   diagram.attr("aria-label", said);
@@ -202,6 +205,54 @@ function drawBranches(layer) {
     .join("path")
     .attr("class", ([name]) => `branch ${name}`)
     .attr("d", ([, path]) => path.toString());
+}
+
+/** The limit of margins, as its toggle and the key say it. */
+const SMALL = page.shown.margin === null ? "" : `margin below ${shown(page.shown.margin)}`;
+
+/** Shade stretches of stable orbits with a small margin. @param {Selected} layer */
+function shadeMargins(layer) {
+  const pen = d3.pathRound(2),
+    limit = page.shown.margin ?? 0,
+    [ax, bx] = affine(drawn.x),
+    [ay, by] = affine(drawn.y);
+  for (const family of SMALL && !hidden(SMALL) ? shownFamilies("branch") : []) {
+    const known = family.columns.margin;
+    if (!known || !family.columns[state.x]) continue;
+    for (const line of linesOf(family, state.y)) {
+      if (!line.values || !wallShown(line.wall)) continue;
+      const { length, x, y, dx, dy, status } = lineOf(family, state.x, line);
+      for (let i = 0; i + 1 < family.rows; i++) {
+        const [low, high] = partBelow(known[i], known[i + 1], limit),
+          h = length[i + 1] - length[i];
+        if (!(low < high) || !statusShown(family, status[i])) continue;
+        const at = (/** @type {Numbers} */ of, /** @type {Numbers} */ slope, /** @type {number} */ u) => {
+          const chord = (of[i + 1] - of[i]) / h,
+            [a, b] = [slope[i], slope[i + 1]].map((one) => (Number.isFinite(one) ? one : chord));
+          return cubic(u, h, of[i], of[i + 1], a, b);
+        };
+        d3.range(9).forEach((k) => {
+          const u = low + ((high - low) * k) / 8;
+          pen[k ? "lineTo" : "moveTo"](ax * at(x, dx, u) + bx, ay * at(y, dy, u) + by);
+        });
+      }
+    }
+  }
+  layer
+    .selectAll("path")
+    .data([String(pen)])
+    .join("path")
+    .attr("class", "branch small")
+    .attr("d", String);
+}
+
+/** Between which parts of a step from one value to another it is no more than a limit.
+ * @param {number} from @param {number} to @param {number} limit @returns {[number, number]} */
+function partBelow(from, to, limit) {
+  const at = (limit - from) / (to - from);
+  if (from <= limit && to <= limit) return [0, 1];
+  if (from <= limit) return [0, Number.isFinite(to) ? at : 0];
+  return to <= limit ? [Number.isFinite(from) ? at : 1, 1] : [0, 0];
 }
 
 /** How the drawn axis changes along a sweep: 1 where it rises with the parameter. @param {Family} family */

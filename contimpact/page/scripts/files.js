@@ -52,7 +52,8 @@ function pointsInSight() {
   const { limits } = drawn,
     names = [...new Set([...page.varying, ...apart])];
   const head = ["branch", "orbit", "word", "row", ...names, "line", "wall", "value", "status", "reason"];
-  /** @type {(string | number | null)[][]} */
+  if (page.quantities.includes("margin")) head.push("margin", "margin_event");
+  /** @type {(string | number | null | undefined)[][]} */
   const rows = [head];
   visitPoints((family, row, k, x, y, wall) => {
     if (!(x >= limits.x[0] && x <= limits.x[1] && y >= limits.y[0] && y <= limits.y[1])) return;
@@ -69,6 +70,7 @@ function pointsInSight() {
       y,
       status,
       family.reason(row),
+      ...(page.quantities.includes("margin") ? [family.columns.margin?.[row], family.nearest(row)] : []),
     ]);
   });
   return rows;

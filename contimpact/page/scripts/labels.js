@@ -422,6 +422,7 @@ function keyItems(width, [low, high]) {
     simulated = state.y === "velocity" ? ways.filter((way) => !hidden(way)) : [];
   const items = [
     ...used.map((name) => ({ ...none, name, line: name })),
+    ...(SMALL && !hidden(SMALL) ? [{ ...none, name: SMALL, line: "small" }] : []),
     ...kinds.map((kind) => ({ ...none, name: kind, kind })),
     ...(ghosts && kinds.length ? [{ ...none, name: "hollow: ghost", kind: kinds[0], ghost: true }] : []),
     ...simulated.map((name) => ({ ...none, name, mark: markPath(ways.indexOf(name), 16, 0) })),

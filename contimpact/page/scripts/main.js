@@ -39,6 +39,7 @@ function drawChoices() {
     ...page.walls.map((wall, k) => toggle(`wall ${wall}`, `wall ${wall}`, `branch stable ${wallClass(k)}`)),
     toggle("events", "real events"),
     toggle("ghosts", "ghosts"),
+    ...(SMALL ? [toggle(SMALL, SMALL, "branch small")] : []),
     toggle("labels", "labels"),
     toggle("runs", "stable runs"),
     ...ways.map((way, k) => toggle(way, k ? `${way}: other ones` : way, "swept nowall", markPath(k, 13, 6))),
@@ -47,6 +48,7 @@ function drawChoices() {
     "x",
     page.varying.map((name) => [name, withUnit(name)]),
   );
+  element("y").append(...Object.entries(COLUMNS_DRAWN).map(([value, text]) => new Option(text, value)));
   fill(
     "member",
     page.members.map((member, place) => [String(place), valuesText(member.fixed)]),

@@ -171,6 +171,13 @@ function stateOf(family, row, entry = null) {
   return `${stability}, physical`;
 }
 
+/** The margin of a row's orbit, and the event that it is the distance to; empty where there is none. @param {Family} family @param {number} row */
+function marginText(family, row) {
+  const margin = family.columns.margin?.[row] ?? NaN;
+  if (Number.isNaN(margin)) return "";
+  return margin < Infinity ? `${shown(margin, 6)} to ${family.nearest(row)}` : "no event within reach";
+}
+
 /** The value at a row on the axis shown. @param {Family} family @param {number} row @param {number} [digits] */
 function valueText(family, row, digits = 10) {
   return `${symbol(state.x)} = ${shown(family.columns[state.x]?.[row], digits)}`;

@@ -369,6 +369,11 @@ function drawNumbers(family, row, entry) {
     ]),
   );
   if (family.columns.smallest_gap) facts.push(["smallest gap", shown(family.columns.smallest_gap[row], 8)]);
+  for (const name of page.quantities)
+    if (name !== "margin" && Number.isFinite(family.columns[name]?.[row]))
+      facts.push([name, shown(family.columns[name][row], 8)]);
+  const margin = marginText(family, row);
+  if (margin) facts.push(["margin (tolerances)", margin]);
   if (entry)
     facts.push(
       ["error of the parameter", shown(entry.error, 2)],

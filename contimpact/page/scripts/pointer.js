@@ -54,6 +54,8 @@ function hoverText(at) {
   );
   if (Number.isFinite(family.columns.smallest_gap?.[row]))
     lines.push(`smallest gap: ${shown(family.columns.smallest_gap[row], 6)}`);
+  const margin = marginText(family, row);
+  if (margin) lines.push(`margin: ${margin}`);
   lines.push(stateOf(family, row, entry));
   return lines.join(" \u00b7 ");
 }

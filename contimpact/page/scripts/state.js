@@ -145,7 +145,7 @@ function cited() {
     view: one("view", page.curves.length ? ["diagram", "plane"] : ["diagram"], "diagram"),
     member,
     x: one("x", page.varying, found.x),
-    y: one("y", ["velocity", "multiplier", "gap"], "velocity"),
+    y: one("y", ["velocity", "multiplier", "gap", ...Object.keys(COLUMNS_DRAWN)], "velocity"),
     xlim: numbersIn(parts.get("xlim"), 2),
     ylim: numbersIn(parts.get("ylim"), 2),
     hide: new Set((parts.get("hide") ?? "").split(",").filter(Boolean)),
