@@ -27,7 +27,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -60,8 +60,11 @@ SLOPES = tuple((k + 1.0) / math.factorial(k + 2) for k in range(TERMS))
 BEYOND = "a linear flight with numbers beyond the range of floats"
 
 
-def flow(d: int, h: int, directions: int, dt: float, *numbers: float) -> list[float]:
+@lru_cache(maxsize=64)
+def flow(d: int, h: int, directions: int, dt: float, *numbers: float) -> tuple[float, ...]:
     """Return the rows of a linear flight that the equations of orbits are made of.
+
+    The last few are kept: both coordinates of a flight are asked for at its ends and turns.
 
     Parameters
     ----------
@@ -75,7 +78,7 @@ def flow(d: int, h: int, directions: int, dt: float, *numbers: float) -> list[fl
 
     Returns
     -------
-    list of float
+    tuple of float
         Tables of d rows of `Shape.size` numbers: mean velocities (the rows of Q of the positions),
         end velocities (those of 1 + tQ of the velocities), the derivatives of both by the
         duration, and those of both by each direction.
@@ -97,7 +100,7 @@ def flow(d: int, h: int, directions: int, dt: float, *numbers: float) -> list[fl
     found = [means[:, :n], ends[:, :n], rate * of_means[:, :n], pushed * of_ends[:, :n]]
     for i in range(1, directions + 1):
         found += [means[:, n * i : n * i + n], ends[:, n * i : n * i + n]]
-    return np.concatenate(found).ravel().tolist()
+    return tuple(np.concatenate(found).ravel().tolist())
 
 
 def balance(

@@ -13,6 +13,7 @@ from zoo import TwoMasses, two_masses
 from contimpact.errors import InputError
 from contimpact.models.linear import Linear, harmonics_of
 from contimpact.models.model import Formulas
+from contimpact.segments import linear_flow
 from contimpact.segments.arithmetic import evaluate_in
 from contimpact.segments.bounded import BOUNDED, BoundedNumber, many_digits
 from contimpact.segments.kernels import Kernels
@@ -120,6 +121,14 @@ def test_a_flight_of_no_duration():
     assert mean.tolist() == [[0, 0, 1, 0, 0, 0, 0], [0, 0, 0, 1, 0, 0, 0]]
     assert end.tolist() == mean.tolist()
     assert pushed == pytest.approx(np.reshape(numbers[:-1], (2, 7)), abs=0)
+
+
+def test_what_was_just_asked_is_not_computed_again(monkeypatch):
+    """Ends of a flight are asked for by the kernel of each gap coordinate."""
+    numbers = CASES["two masses"]
+    first = [flow(2, 1, 0, dt, *numbers) for dt in (0.0, 0.7)]
+    monkeypatch.setattr(linear_flow, "_mean_rates", None)
+    assert [flow(2, 1, 0, dt, *numbers) for dt in (0.0, 0.7)] == first
 
 
 def test_arrays_are_rows_of_numbers():
