@@ -108,6 +108,37 @@ def test_of_one_parameter_it_is_the_branchs_event():
     assert "no event within 2" in repr(ci.find_margins(orbit, {"s": 0.005}, within=2.0))
 
 
+@pytest.mark.full
+@pytest.mark.parametrize(
+    ("word", "s", "r", "label"),
+    [
+        ("1:1", 0.45, 0.3, "PD"),
+        ("1:1", 0.4, 0.15, "G[1:1->2:1]"),
+        ("2:1", 0.32, 0.35, "FB"),
+        ("2:1", 0.3, 0.3, "G[2:1->3:1]"),
+    ],
+)
+def test_distances_are_those_to_curves(word, s, r, label):
+    """The curve begins at the event of a run in s, and is a polynomial through seven rows where it
+    is nearest."""
+    tolerances, orbit = {"s": 0.01, "r": 0.02}, stable(word, s, r=r)
+    nearest = ci.find_margins(orbit, tolerances, within=10.0).nearest
+    assert nearest.label == label
+    branch = ci.continue_orbit(orbit, "s", range=(s - 0.2, s + 0.2), events=["FB", "PD", "G"])
+    event = min((e for e in branch.events if e.label == label), key=lambda e: abs(e.value - s))
+    across = sorted((r, nearest.parameters["r"]))
+    ranges = (s - 0.2, s + 0.2), (across[0] - 0.02, across[1] + 0.02)
+    fine = ci.Settings(step=0.005, max_step=0.01)
+    curve = ci.follow_curve(event, None, "r", *ranges, detect=False, settings=fine)
+    y = np.column_stack([(curve[n] - orbit[n]) / w for n, w in tolerances.items()])
+    at = int(np.argmin(np.sum(y**2, axis=1)))
+    rows = slice(at - 3, at + 4)
+    t = curve["arclength"][rows] - curve["arclength"][at]
+    squared = sum(np.polynomial.Polynomial.fit(t, y[rows, i], 6) ** 2 for i in (0, 1))
+    found = minimize_scalar(squared, bounds=(t[2], t[4]), method="bounded", options={"xatol": 1e-9})
+    assert math.sqrt(found.fun) == pytest.approx(nearest.distance, rel=1e-9)
+
+
 @pytest.fixture(scope="module")
 def entries():
     found = {}
