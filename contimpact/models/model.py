@@ -310,10 +310,16 @@ class Parameter:
     upper: float = math.inf
     above_lower: bool = False
     split: tuple[str, ...] = ()
+    apart: str = ""
+    """What else is accepted, as another model, in words."""
 
     @property
     def accepted(self) -> str:
         """The values it may take, in words."""
+        return self._range + (f", or {self.apart}" if self.apart else "")
+
+    @property
+    def _range(self) -> str:
         if math.isinf(self.lower) and math.isinf(self.upper):
             return "a finite number"
         if math.isinf(self.upper):

@@ -260,7 +260,15 @@ class FrictionalSoftPair(SoftPair):
     GEOMETRY = None
     PARAMETERS = (
         *SoftPair.PARAMETERS,
-        Parameter("mu", "", "the friction coefficient", None, 0, above_lower=True),
+        Parameter(
+            "mu",
+            "",
+            "the friction coefficient",
+            None,
+            0,
+            above_lower=True,
+            apart="0 where it is not followed: a pair without friction has other letters",
+        ),
     )
 
     @property

@@ -13,6 +13,7 @@ from zoo import ROOT
 
 import contimpact as ci
 from contimpact.accuracy.reference import Reference
+from contimpact.diagrams.curves import check_range
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.errors import InputError
 from contimpact.models.word import Word
@@ -249,7 +250,7 @@ def test_symmetric_at_level():
         ({"nu": 2.0, "membrane": "linear"}, "nu"),
         ({"membrane": "rubber"}, "membrane"),
         ({"r": 0.0}, "a number above 0, at most 1"),
-        ({"mu": -0.1}, "a number > 0"),
+        ({"mu": -0.1}, "a number > 0, or 0 where"),
         ({"mu": 0.1, "beta": math.pi / 2}, "does not press"),
         ({"r": 1.0, "k": 1.0, "m": 1.0, "M": 1.0, "omega": math.sqrt(2.0)}, "resonance"),
     ],
@@ -444,6 +445,11 @@ def test_friction_has_its_own_modes():
         level = soft_pair(beta=0.0, mu=0.1).symmetry("s", [math.nan])
         assert level.walls[letter] == there
         assert level.walls[there] == letter
+
+
+def test_friction_is_not_followed_to_none():
+    with pytest.raises(InputError, match="a number > 0, or 0 where it is not followed"):
+        check_range(soft_pair(mu=0.1), "mu", 0.1, (0.0, 0.2))
 
 
 @pytest.mark.full
