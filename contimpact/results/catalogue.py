@@ -19,7 +19,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
 
@@ -149,6 +149,14 @@ def read_branch(path: str | Path) -> Branch:
     return _read_table(Branch, Path(path), BRANCH)
 
 
+def branch_in(text: str, where: str) -> Branch:
+    """Return the branch of a table that is no file: `where` is what errors name.
+
+    Raises InputError if it is not of this schema, or damaged.
+    """
+    return _read_table(Branch, Path(where), BRANCH, io.BytesIO(text.encode()))
+
+
 def read_curve(path: str | Path) -> Curve:
     """Read a curve's CSV back into the same `Curve`.
 
@@ -157,11 +165,12 @@ def read_curve(path: str | Path) -> Curve:
     return _read_table(Curve, Path(path), CURVE)
 
 
-def _read_table(kind: type[T], path: Path, schema: str) -> T:
+def _read_table(kind: type[T], path: Path, schema: str, kept: BinaryIO | None = None) -> T:
     """The branch or the curve of a table; earlier versions write the value at an end under the
     parameter's name, and have the system beside the events."""
     with check_reading(path, schema):
-        head, columns = _table(path, schema)
+        with kept or open_plain(path) as file:
+            head, columns = _table(file, path, schema)
         parameters = head["parameters"] if schema == CURVE else [head["parameter"]]
         _require(columns, head["word"], parameters, () if schema == CURVE else TEXTS)
         record = {"meetings": [], **head, "columns": columns, "origin": head["from"]}
@@ -181,15 +190,14 @@ def _read_table(kind: type[T], path: Path, schema: str) -> T:
         return build_record(kind, record)
 
 
-def _table(path: Path, schema: str) -> tuple[dict[str, Any], dict[str, Array]]:
+def _table(file: BinaryIO, path: Path, schema: str) -> tuple[dict[str, Any], dict[str, Array]]:
     """The record in a table's first line, and its columns; they must have its number of rows."""
-    with open_plain(path) as file:
-        first = check_length(file.readline(LARGEST_RECORD + 1), LARGEST_RECORD)
-        head = json.loads(first.decode().removeprefix("# "))
-        if head["schema"] != schema:
-            raise InputError(str(path), f"its schema is {head['schema']!r}", f"give {schema!r}")
-        with io.TextIOWrapper(file, "utf-8", newline="") as lines:
-            columns = _columns(lines)
+    first = check_length(file.readline(LARGEST_RECORD + 1), LARGEST_RECORD)
+    head = json.loads(first.decode().removeprefix("# "))
+    if head["schema"] != schema:
+        raise InputError(str(path), f"its schema is {head['schema']!r}", f"give {schema!r}")
+    with io.TextIOWrapper(file, "utf-8", newline="") as lines:
+        columns = _columns(lines)
     rows = len(next(iter(columns.values())))
     if rows != head.get("points", rows):
         raise InputError(

@@ -6,7 +6,6 @@ Nothing is read before it is asked for, and what is asked for row by row is neve
 from __future__ import annotations
 
 import contextlib
-import csv
 import itertools
 import json
 import math
@@ -24,6 +23,7 @@ from ..display import NotebookResult, Summary, frame
 from ..errors import InputError, explain_arguments, short_repr
 from ..models import expressions
 from ..models.word import is_rotation
+from ..results.catalogue import branch_in
 from ..results.scene import read_scene
 from ..simulation.attractor import Attractor, Kind
 from ..simulation.sweep import Row, Simulators, Sweep
@@ -214,8 +214,8 @@ def margin(study: Study, orbit: str) -> Values:
         return {}
     found: Values = {}
     for row in study.branches(notation=orbit):
-        table = study.table(row["scene"], row["branch"]).splitlines()
-        values = np.array([float(one["margin"]) for one in csv.DictReader(table[1:])])
+        where = f"study {study.name}, scene {row['scene']}, {row['branch']}"
+        values = branch_in(study.table(row["scene"], row["branch"]), where)["margin"]
         if not np.isnan(values).all():
             largest = min(float(np.nanmax(values)), asked.within)
             found[row["scene"]] = max(largest, found.get(row["scene"], 0.0))
