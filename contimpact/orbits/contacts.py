@@ -32,8 +32,9 @@ class Contact(NamedTuple):
     """An estimate of the deflection's error."""
 
 
-def contacts_of(here: Linearisation, model: Model) -> list[Contact]:
-    """Return the contacts along an orbit at the model's parameter values."""
+def contacts_of(here: Linearisation, model: Model, deep: bool = True) -> list[Contact]:
+    """Return the contacts along an orbit at the model's parameter values; unless `deep`, their
+    deflections, which take the motion between impacts, are not numbers."""
     problem, z = here.problem, here.unknowns
     word = problem.word.walls
     places = dict(zip(model.letters, problem.kernels.setup(*problem.values(z)).walls, strict=True))
@@ -41,8 +42,8 @@ def contacts_of(here: Linearisation, model: Model) -> list[Contact]:
     if not contacts:
         return []
     speeds = problem.impacts(z)[:, 1].tolist()
-    depths = np.zeros(len(contacts))
-    for degree in DEGREES:
+    depths = before = np.full(len(contacts), np.nan)
+    for degree in DEGREES if deep else ():
         before, depths = depths, _depths(here, model, contacts, places, degree)
         if (abs(depths - before) <= 1e-14 * abs(depths)).all():
             break

@@ -57,7 +57,8 @@ def means_of(here: Linearisation, outputs: Sequence[Output], model: Model) -> li
         return [Mean(np.nan, np.nan)] * len(outputs)
     if any(output.contacts for output in outputs):
         along = iter(means_of(here, [o for o in outputs if not o.contacts], model))
-        contacts = contacts_of(here, model)
+        deep = any("deflection" in output.expression for output in outputs if output.contacts)
+        contacts = contacts_of(here, model, deep)
         return [
             _over_contacts(contacts, one, model) if one.contacts else next(along) for one in outputs
         ]
