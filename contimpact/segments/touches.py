@@ -253,7 +253,7 @@ def _touches(
     for (motion, breaks), numbers in zip(motions, coordinates(kernels.model).values(), strict=True):
         leaving = passages.leaving[left] if left in numbers else 0.0
         here = reached in numbers
-        speed = arriving if here else motion((), length, ())[1]
+        speed = arriving if here else _speed_at(motion, length)
         sides = leaving, float(guards[reached].side) if here else 0.0
         found = excursions(motion, (), (), length, speed, *sides, breaks, 0.0, math.inf)
         for i in numbers:
@@ -262,6 +262,14 @@ def _touches(
         if not abs(found[4]) >= abs(slowest):
             slowest = found[4]
     return touches, slowest
+
+
+def _speed_at(motion: Motion, length: float) -> float:
+    """The velocity of a coordinate at a flight's end. Where rounding alone is left of it, as where
+    the flight ends because the coordinate turns, it has turned: a touch there is the flight's."""
+    _, speed, acceleration = motion((), length, ())
+    turned = abs(speed) <= ROUNDING * abs(acceleration * length)
+    return math.copysign(SMALLEST, acceleration) if turned else speed
 
 
 def violated_guards(

@@ -466,6 +466,19 @@ def test_friction_is_not_followed_to_none():
 
 
 @pytest.mark.full
+def test_a_ball_with_friction_turns_at_letters_alone():
+    """Where it turns a flight ends: a touch of a membrane is there, on every orbit of a branch.
+    Rounding made it one inside the flight or none."""
+    branch = ci.load_diagram(ROOT / "branches" / "soft_pair_friction").branches[0]
+    for row in np.flatnonzero(branch.physical):
+        orbit = branch.orbit(int(row))
+        ends = np.roll(orbit.times, -1)
+        touches = [t for flight in orbit.linearisation.gaps for t in flight.touches[:2] if t]
+        assert [(t.flight, t.wall) for t in touches] == [(2, "T"), (3, "B")]
+        assert [t.time for t in touches] == pytest.approx([ends[t.flight] for t in touches])
+
+
+@pytest.mark.full
 def test_formulas_with_friction_agree():
     assert "symmetry at all" in check_model(soft_pair(beta=0.0, mu=0.1))[-1]
 
