@@ -34,7 +34,15 @@ BODIES = [name for name in NAMES if name in ("two_masses", "coupled_by_impact", 
 INTEGRATED = [name for name in NAMES if name in ("duffing", "pendulum", "belt_free")]
 """Scenes whose flights are integrated: ten to twenty seconds each."""
 
-LONG = [*MAPS, *BODIES, *INTEGRATED, "soft_pair_500", "coco_bang_bang", "coco_piecewise"]
+LONG = [
+    *MAPS,
+    *BODIES,
+    *INTEGRATED,
+    "soft_pair_500",
+    "soft_pair_friction",
+    "coco_bang_bang",
+    "coco_piecewise",
+]
 QUICK = ["fig7", "stop"]
 """One scene of the pair and one of the oscillator: about a second each."""
 
