@@ -2,8 +2,8 @@
 
     python docs/figures/harvester_scan.py [COUNT [WORKERS]]
 
-Points are uniform within the bounds of ``examples/harvester.toml``, 10,000 of them if nothing else
-is said, which takes three minutes of computing; they do not depend on WORKERS. From a random
+Points are uniform within the bounds of ``examples/harvester.toml``, 100,000 of them if nothing
+else is said, which takes twenty minutes of computing; they do not depend on WORKERS. From a random
 impact, the motion is simulated for 200 periods, and its output for 200 more. What gives more
 than the best in ``examples/harvester.csv`` is settled, and events are searched for near its orbit.
 Prints how many there are, and writes them to ``harvester_scan.csv`` beside this file.
@@ -81,7 +81,7 @@ def look(chunk, count):
 
 
 def main():
-    count = int(sys.argv[1]) if len(sys.argv) > 1 else 10_000
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 100_000
     workers = int(sys.argv[2]) if len(sys.argv) > 2 else 1
     scene, best, _ = asked()
     with ProcessPoolExecutor(workers) as pool:
