@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from .continuation.settings import Settings as Settings
     from .diagrams.codim2_curves import follow_codim2 as follow_codim2
     from .diagrams.crises import find_crises as find_crises
-    from .diagrams.crises import follow_crisis as follow_crisis
-    from .diagrams.crises import locate_crisis as locate_crisis
-    from .diagrams.crises import locate_tangencies as locate_tangencies
+    from .diagrams.crisis_curves import follow_crisis as follow_crisis
+    from .diagrams.crisis_location import locate_crisis as locate_crisis
+    from .diagrams.crisis_location import locate_tangencies as locate_tangencies
     from .diagrams.curves import follow_curve as follow_curve
     from .diagrams.design import design as design
     from .diagrams.explore import follow as follow
@@ -141,9 +141,9 @@ _PLACES = {
     "follow_codim2": "diagrams.codim2_curves",
     "follow_curve": "diagrams.curves",
     "find_crises": "diagrams.crises",
-    "locate_crisis": "diagrams.crises",
-    "locate_tangencies": "diagrams.crises",
-    "follow_crisis": "diagrams.crises",
+    "locate_crisis": "diagrams.crisis_location",
+    "locate_tangencies": "diagrams.crisis_location",
+    "follow_crisis": "diagrams.crisis_curves",
     "find_margins": "diagrams.margins",
     "follow_isoline": "diagrams.isolines",
     "Curve": "results.curve",

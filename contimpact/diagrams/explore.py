@@ -234,7 +234,7 @@ class _Explorer:
         began = time.perf_counter()
         self.kernels = Kernels(scene.model, scene.parameter)
         if scene.crises:
-            from .crises import require_one_coordinate
+            from .crisis_location import require_one_coordinate
 
             require_one_coordinate(scene.model, self.kernels, "detect.crises")
         try:

@@ -38,7 +38,7 @@ from ..simulation.files import COVERAGE, TRANSITIONS, sweep_of
 from ..simulation.sweep import Row, Sweep
 from ..storage.files import is_there
 from ..storage.texts import csv_text
-from .crises import CR
+from .crisis_location import CR
 
 RANGES = "contimpact.ranges/1"
 """Schema of the table of ranges."""

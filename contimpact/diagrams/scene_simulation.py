@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from ..simulation.basins import Basins, Coverage
     from ..simulation.fractions import BasinFractions
     from ..simulation.simulator import Simulator
-    from .crises import Crisis, NoCrisis
+    from .crisis_location import Crisis, NoCrisis
 
 STAGES = (
     "branches",
@@ -156,7 +156,7 @@ class _Director:
 
             require_masses(scene.model, kernels, "simulate.losses")
         if self.options.crises:
-            from .crises import require_one_coordinate
+            from .crisis_location import require_one_coordinate
 
             require_one_coordinate(scene.model, kernels, "simulate.crises")
         digest = fingerprint(scene.resolved())

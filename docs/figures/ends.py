@@ -14,7 +14,8 @@ import tomllib
 from collections import Counter
 from pathlib import Path
 
-from contimpact.diagrams.crises import Crisis, find_crises
+from contimpact.diagrams.crises import find_crises
+from contimpact.diagrams.crisis_location import Crisis
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.scene_simulation import simulate
 from contimpact.results.scene import read_scene

@@ -17,13 +17,11 @@ from exact_flights import pair_flight
 from zoo import TWO_MASSES, scene
 
 from contimpact.bifurcations.crisis import error_of, solve
-from contimpact.diagrams.crises import (
+from contimpact.diagrams.crises import add_crises, crises_text, find_crises
+from contimpact.diagrams.crisis_curves import follow_crisis
+from contimpact.diagrams.crisis_location import (
     Crisis,
     NoCrisis,
-    add_crises,
-    crises_text,
-    find_crises,
-    follow_crisis,
     locate_crisis,
     locate_tangencies,
     passes_and_returns,

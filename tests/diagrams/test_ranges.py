@@ -13,7 +13,8 @@ from zoo import ROOT
 
 import contimpact as ci
 from contimpact.cli import main
-from contimpact.diagrams.crises import add_crises, locate_crisis
+from contimpact.diagrams.crises import add_crises
+from contimpact.diagrams.crisis_location import Crisis, locate_crisis
 from contimpact.diagrams.ranges import attractor_ranges, load_ranges
 from contimpact.errors import InputError
 from contimpact.plots.ranges import plot_ranges
@@ -92,7 +93,7 @@ def test_the_crisis_is_the_end_of_the_complex_motion(diagram):
         o for o in ci.find_orbits(PAIR.replace(s=0.3554), "2:1", "s") if o.physical and not o.stable
     )
     crisis = locate_crisis(unstable)
-    assert isinstance(crisis, ci.diagrams.crises.Crisis)
+    assert isinstance(crisis, Crisis)
     with_crisis = add_crises(diagram, [replace(crisis, branch="b2")])
     chaos = attractor_ranges(with_crisis, rows).at(0.356).observed[-1].motion
     assert chaos.low.value == pytest.approx(0.355220528250598985, abs=1e-12)
