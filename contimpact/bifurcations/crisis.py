@@ -35,6 +35,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from scipy.linalg import lu_factor, lu_solve
 
 from ..arrays import Array
 from ..models.model import Model
@@ -51,6 +52,8 @@ DIFFERENCE = 1e-6
 """Step of the differences along the kernel, of which the largest entry is 1."""
 FAR = 0.5
 """Longest Newton step near a solution, in the natural sizes of the unknowns."""
+INVERSE_ITERATIONS = 3
+"""Inverse iterations for vectors that border a matrix; they need not be exact."""
 MOST_LAPS = 12
 """Laps added at an end at most."""
 
@@ -130,12 +133,11 @@ class Connection:
         """Evaluate the number that vanishes where two connections meet, and its derivatives."""
         n = self.n
         if self._borders is None:
-            left, _, right = np.linalg.svd(jacobian[:, :n])
-            self._borders = left[:, -1], right[-1]
+            self._borders = _singular_vectors(jacobian[:, :n])
         b, c = self._borders
         matrix = np.block([[jacobian[:, :n], b[:, None]], [c[None, :], np.zeros((1, 1))]])
-        unit = np.append(np.zeros(n), 1.0)
-        kernel, kernel_of_rows = np.linalg.solve(matrix, unit), np.linalg.solve(matrix.T, unit)[:n]
+        unit, factors = np.append(np.zeros(n), 1.0), lu_factor(matrix)
+        kernel, kernel_of_rows = lu_solve(factors, unit), lu_solve(factors, unit, trans=1)[:n]
         step = np.append(kernel[:n], np.zeros(self.free))
         step *= DIFFERENCE / np.max(np.abs(step))
         change = self._path(unknowns + step)[1][:n] - self._path(unknowns - step)[1][:n]
@@ -198,6 +200,15 @@ class Connection:
         grazing = None if self.grazing is None else self.grazing + first * len(begin)
         given = self.model, self.kernels, walls, grazing, self.before, self.after
         return Connection(*given), np.concatenate([np.vstack(parts).ravel(), unknowns[self.n :]])
+
+
+def _singular_vectors(matrix: Array) -> tuple[Array, Array]:
+    """Return about the left and the right vector of the smallest singular value."""
+    factors, right = lu_factor(matrix), np.ones(len(matrix))
+    for _ in range(INVERSE_ITERATIONS):
+        left = lu_solve(factors, right / np.linalg.norm(right), trans=1)
+        right = lu_solve(factors, left / np.linalg.norm(left))
+    return left / np.linalg.norm(left), right / np.linalg.norm(right)
 
 
 def solve(problem: Connection, guess: Array) -> Connected | None:

@@ -82,19 +82,18 @@ def find_crises(
         if before.attractor.kind is not Kind.COMPLEX or after.attractor.kind is Kind.COMPLEX:
             continue
         orbits = _unstable_on(diagram, sweep, before.value, kernels)
-        crisis = _first(
-            orbits, before, after, partial(approach_crisis, impacts=impacts, smooth=False)
-        )
+        search = partial(approach_crisis, impacts=impacts, smooth=False)
+        crisis, tried = _first(orbits, before, after, search)
         entry, beyond = (None, "") if crisis else _takeover(sweep, before, after)
         if crisis is None and entry is None and after.attractor.kind is Kind.PERIODIC:
             width = FINER * abs(after.value - before.value)
             simulators = Simulators(sweep.model, sweep.parameter, kernels)
             earlier, left, _, _ = locate(simulators, before, after, width, PATIENT)
             for row in (left, earlier):
-                orbits = _unstable_on(diagram, sweep, row.value, kernels, after.attractor)
-                crisis = crisis or _first(
-                    orbits, row, after, partial(locate_either, impacts=impacts)
-                )
+                if crisis is None:
+                    orbits = _unstable_on(diagram, sweep, row.value, kernels, after.attractor)
+                    search = partial(locate_either, impacts=impacts)
+                    crisis, tried = _first(orbits, row, after, search)
         if crisis:
             found.append(crisis)
             continue
@@ -103,8 +102,7 @@ def find_crises(
             f"and {after.value:.9g} ({before.direction})"
         )
         if entry is None:
-            words = ", ".join(sorted({orbit.notation for orbit, _ in orbits})) or "none"
-            beyond += f"; no crisis was found of the unstable orbits there: {words}"
+            beyond += f"; no crisis was found of the unstable orbits there: {tried or 'none'}"
         found.append(NoCrisis(end + beyond, entry))
     return found
 
@@ -143,16 +141,21 @@ def _first(
     before: Row,
     after: Row,
     search: Callable[[Orbit, Any], Crisis | NoCrisis],
-) -> Crisis | None:
-    """The crisis of orbits that is met first between two rows; None if there is none."""
+) -> tuple[Crisis | None, str]:
+    """The crisis of orbits that is met first between two rows, or None and why none of each was
+    found."""
     low, high = sorted((before.value, after.value))
-    met = [
-        replace(tried, branch=branch)
-        for orbit, branch in orbits
-        if isinstance(tried := search(orbit, before.attractor), Crisis)
-        and low <= tried.value <= high
-    ]
-    return min(met, key=lambda c: abs(c.value - before.value), default=None)
+    met, reasons = list[Crisis](), list[str]()
+    for orbit, branch in orbits:
+        found = search(orbit, before.attractor)
+        if isinstance(found, Crisis) and low <= found.value <= high:
+            met.append(replace(found, branch=branch))
+        else:
+            why = (
+                f"its crisis is at {found.value:.9g}" if isinstance(found, Crisis) else found.reason
+            )
+            reasons.append(f"{orbit.notation} ({why})")
+    return min(met, key=lambda c: abs(c.value - before.value), default=None), "; ".join(reasons)
 
 
 def _takeover(sweep: Sweep, before: Row, after: Row) -> tuple[Entry | None, str]:

@@ -7,9 +7,11 @@ manifold of the unstable orbit.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import chain, product
 from typing import Any
 
 import numpy as np
@@ -49,11 +51,12 @@ NEAR = 0.05
 """The part of it within which it has to be seen, and the crisis found, once more."""
 RETURNING = 40_000
 """Impacts beyond a crisis among which motion is looked for that passes the orbit and returns."""
-WIDER, RARE = 0.02, 1e-3
-"""An attractor has widened if more than this part of its impacts is further than that from all
-impacts before, in periods and in parts of the largest velocity."""
+WIDER, RARE = 5.0, 1e-3
+"""An attractor has widened if more than this part of its impacts is further from all impacts before
+than that many times what as large a part of these is from all of its own."""
 RUNS = 10
-"""As many times that, after which no attractor has changed."""
+"""As many times that, after which no attractor has changed; and as many times the impacts in which
+motion leaves beyond a crisis, which the attractor has to last beside it."""
 TRIALS = 8
 """How often a crisis is looked for again, nearer by."""
 DEPTH = 24
@@ -72,6 +75,9 @@ ARRIVALS = 20
 """Arrivals from which on those that follow the orbit twice are enough."""
 CLOSE = 0.05
 """How near to an orbit a connection begins and ends, in periods and in its largest velocity."""
+LEAVING, STARTS, RETURN, RETURNS = 1e-4, 64, 200, 8
+"""How far beside an orbit motions start on a side of it, from all along its unstable manifold, how
+many and for how many impacts, and paths taken from them."""
 REFINED = 4
 """Orbits left, of each of which the nearest path is lengthened: how near it is is known then."""
 SAME_FLIGHT = 1e-6
@@ -101,7 +107,7 @@ class Crisis:
     orbit: Orbit
     """The unstable orbit, at the crisis."""
     path: Connected = field(repr=False)
-    """The connection that grazes."""
+    """The connection that grazes, or at which two connections meet."""
     model: Model = field(repr=False)
     """The model at the crisis."""
     branch: str | None = None
@@ -258,8 +264,6 @@ def approach_crisis(
             value = float(path.unknowns[-1])
             left = (value - orbit.value) * np.sign(value - begun)
             if 0.0 < left <= ahead + 2.0 * error and left <= NEAR * abs(value - begun):
-                if not _lasts(orbit, attractor):
-                    break
                 return _crisis(orbit, attractor, path, error, 2.0 * value - begun)
             if not 0.0 < left <= ahead:
                 best = None
@@ -274,9 +278,7 @@ def approach_crisis(
         none = f"no simulated path leads to one that {ends} at {orbit.notation} at {place}"
         return NoCrisis(f"{none}, or the motion comes near to that orbit on both sides")
     reached = f"the nearest connection is at {best[0].unknowns[-1]:.9g}, and the attractor was seen"
-    return NoCrisis(
-        f"{reached} at {place}, but not both near to each other, or not for long; simulate more"
-    )
+    return NoCrisis(f"{reached} at {place}, but not both near to each other; simulate more impacts")
 
 
 def require_one_coordinate(model: Model, kernels: Kernels, where: str) -> None:
@@ -288,7 +290,8 @@ def require_one_coordinate(model: Model, kernels: Kernels, where: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Tangency:
-    """Where an unstable manifold touches a stable one, with a corner that a grazing has cut."""
+    """Where an unstable manifold touches a stable one, with or without a corner that a grazing has
+    cut."""
 
     parameter: str
     value: float
@@ -299,7 +302,7 @@ class Tangency:
     arrives: Orbit
     """The orbit whose stable manifold is touched, at the tangency."""
     path: Connected = field(repr=False)
-    """The connection that grazes."""
+    """The connection that grazes, or at which two connections meet."""
 
     @property
     def homoclinic(self) -> bool:
@@ -318,10 +321,9 @@ def locate_tangencies(
 ) -> list[Tangency]:
     """Locate values at which an orbit's unstable manifold touches a stable one.
 
-    With impacts an unstable manifold has corners, the images of its points that graze. Motions that
-    leave the orbit, from all along its manifold, are simulated; those that come near to the other
-    orbit are where connections that graze are looked for. Tangencies without a grazing, as of
-    smooth maps, are not located.
+    With impacts an unstable manifold has corners, the images of its points that graze; it may also
+    touch where it is round. Motions that leave the orbit, from all along its manifold, are
+    simulated; those that come near to the other orbit are where connections are looked for.
 
     Parameters
     ----------
@@ -354,13 +356,12 @@ def locate_tangencies(
         accepted = "give orbits at the same values, with the same parameter"
         raise InputError("arrives", f"{arrives.notation} at other values", accepted)
     simulator = Simulator(leaves.model, leaves.problem.kernels)
-    factor, right, _ = unstable_direction(leaves.linearisation)
-    found, tried = list[Tangency](), set[tuple[str, int | None]]()
-    for number in range(2 * starts):
-        away = BESIDE * abs(factor) ** (number // 2 / starts) * (-1) ** number
-        first = leaves.times[0] + away * right[0], leaves.velocities[0] + away * right[1]
-        run = simulator.run(simulator.state(leaves.word.walls[0], *first), impacts=impacts)
-        for path in _solved(simulator, leaves, arrives, run, tried, _paths, both=True):
+    found = list[Tangency]()
+    runs = list(_manifold_runs(simulator, leaves, BESIDE, (1.0, -1.0), starts, impacts))
+    given = simulator, leaves, arrives
+    with_grazing = (_guesses(*given, run, _entries(run, arrives), _paths) for _, run in runs)
+    for guesses in (chain(*with_grazing), _returning(leaves, arrives, runs)):
+        for path in _solutions(arrives, guesses, set()):
             end = _end_of(path, arrives, -1)
             begin = _end_of(path, leaves, 0)
             if end is None or begin is None or not is_physical(path):
@@ -423,8 +424,15 @@ def _nearest(
     assert attractor.state is not None
     simulator = Simulator(orbit.model, orbit.problem.kernels)
     run = simulator.run(attractor.state, impacts=impacts)
-    paths_of = _touching if smooth else _paths
-    paths = [p for p in _solved(simulator, orbit, orbit, run, set(), paths_of) if is_physical(p)]
+    entries = _entries(run, orbit)
+    if not entries or len(_sides_of(entries)) > 1:
+        return None
+    guesses = _guesses(simulator, orbit, orbit, run, entries, _touching if smooth else _paths)
+    if smooth:
+        sides = _sides_of(entries)
+        leaving = _manifold_runs(simulator, orbit, LEAVING, sides, STARTS, RETURN)
+        guesses = chain(_returning(orbit, orbit, leaving), guesses)
+    paths = [path for path in _solutions(orbit, guesses, set()) if is_physical(path)]
     found = dict[Word, tuple[Connected, float]]()
     for path in sorted(paths, key=lambda p: abs(p.unknowns[-1] - orbit.value)):
         leaves = path.problem.before
@@ -475,37 +483,75 @@ Guess = tuple[str, int | None, Array, Word]
 """The walls of a path, the impact that grazes or None, the impacts, and the orbit it leaves."""
 
 
-def _solved(
+def _solutions(
+    orbit: Orbit, guesses: Iterable[Guess], tried: set[tuple[str, int | None]]
+) -> Iterator[Connected]:
+    """Solve for the connections to an orbit that guesses are close to, of each kind once."""
+    for walls, grazing, impacts, before in guesses:
+        if len(tried) >= PATHS:
+            break
+        if (walls, grazing) in tried:
+            continue
+        tried.add((walls, grazing))
+        given = orbit.model, orbit.problem.kernels, walls, grazing, before, orbit.word
+        if (path := solve(Connection(*given), np.append(impacts.ravel(), orbit.value))) is not None:
+            yield path
+
+
+def _guesses(
     simulator: Simulator,
     leaves: Orbit,
     orbit: Orbit,
     run: Run,
-    tried: set[tuple[str, int | None]],
+    entries: dict[int, float],
     paths_of: Callable[[Simulator, Orbit, str, Array], Iterator[Guess]],
-    both: bool = False,
-) -> list[Connected]:
-    """Solve for the connections that the nearest arrivals at an orbit are close to, each once.
+) -> Iterator[Guess]:
+    """Return paths near to arrivals of a run at an orbit.
 
-    They leave the first orbit, or one that the motion has followed. They may come near on both
-    sides of the stable manifold, or on one alone.
+    They leave the first orbit, or one that the motion has followed.
     """
-    given, text, times = (orbit.model, orbit.problem.kernels), run.word, run.times
-    found = list[Connected]()
-    for entry in _entries(run, text, orbit, both) or ():
+    text, times = run.word, run.times
+    for entry in entries:
         part = slice(entry - BEFORE, entry)
         rows = np.column_stack([times[part], run.velocities[part]])
         rows[:, 0] -= run.period * np.floor(rows[0, 0] / run.period)
         arrival = rows[-1, 0] + times[entry] - times[entry - 1]
         rows = np.vstack([rows, *_laps(orbit, 0, arrival, range(LAPS))])
         made = text[part] + orbit.word.walls * LAPS
-        for walls, grazing, impacts, before in paths_of(simulator, leaves, made, rows):
-            if (walls, grazing) in tried or len(tried) >= PATHS:
-                continue
-            tried.add((walls, grazing))
-            problem = Connection(*given, walls, grazing, before, orbit.word)
-            if (path := solve(problem, np.append(impacts.ravel(), orbit.value))) is not None:
-                found.append(path)
-    return found
+        yield from paths_of(simulator, leaves, made, rows)
+
+
+def _manifold_runs(
+    simulator: Simulator,
+    orbit: Orbit,
+    beside: float,
+    sides: Iterable[float],
+    starts: int,
+    impacts: int,
+) -> Iterator[tuple[Array, Run]]:
+    """Return motions from all along the unstable manifold of an orbit, and their first impacts."""
+    factor, right, _ = unstable_direction(orbit.linearisation)
+    for number, side in product(range(starts), sides):
+        away = side * beside * abs(factor) ** (number / starts)
+        first = np.array([orbit.times[0], orbit.velocities[0]]) + away * right
+        state = simulator.state(orbit.word.walls[0], *first.tolist())
+        yield first, simulator.run(state, impacts=impacts)
+
+
+def _returning(leaves: Orbit, orbit: Orbit, runs: Iterable[tuple[Array, Run]]) -> Iterator[Guess]:
+    """Return paths along the unstable manifold of one orbit that come nearest to the stable one of
+    another after as many impacts."""
+    nearest = dict[int, tuple[float, Array, str]]()
+    lap = len(orbit.word)
+    for first, run in runs:
+        for row, far in _entries(run, orbit, len(leaves.word)).items():
+            if row not in nearest or abs(far) < nearest[row][0]:
+                end = row + lap
+                rows = np.column_stack([run.times[:end], run.velocities[:end]])
+                laps = _laps(orbit, 0, run.times[row] + orbit.period, range(LAPS))
+                nearest[row] = abs(far), np.vstack([first, rows, *laps]), run.word[:end]
+    for _, rows, text in sorted(nearest.values(), key=lambda near: near[0])[:RETURNS]:
+        yield leaves.word.walls[0] + text + orbit.word.walls * LAPS, None, rows, leaves.word
 
 
 def _laps(orbit: Orbit, first: int, time: float, numbers: Iterable[int]) -> list[Array]:
@@ -519,18 +565,17 @@ def _laps(orbit: Orbit, first: int, time: float, numbers: Iterable[int]) -> list
     return [lap + np.array([number * orbit.period, 0.0]) for number in numbers]
 
 
-def _entries(run: Run, text: str, orbit: Orbit, both: bool) -> list[int] | None:
-    """Rows of a run from which it follows an orbit, those nearest to its stable manifold first.
+def _entries(run: Run, orbit: Orbit, first: int = BEFORE) -> dict[int, float]:
+    """Rows of a run, from a first one on, from which it follows an orbit, and how far it is there
+    from the stable manifold, those nearest to it first.
 
     The distance is that from the manifold's tangent, taken a lap later where the run follows the
     orbit for so long: there the motion is nearer to the orbit by its small multiplier.
-
-    None if the motion comes near on both sides of the manifold, unless that is asked for.
     """
-    word, period, lap = orbit.word.walls, run.period, len(orbit.word)
+    word, period, lap, text = orbit.word.walls, run.period, len(orbit.word), run.word
     factor, _, left = unstable_direction(orbit.linearisation)
     for laps in (2, 1):
-        rows = [i for i in range(BEFORE, len(text)) if text.startswith(word * laps, i)]
+        rows = [i for i in range(len(text)) if text.startswith(word * laps, i)]
         if len(rows) < ARRIVALS and laps > 1:
             continue
         at = np.array(rows, dtype=int) + (laps - 1) * lap
@@ -542,12 +587,17 @@ def _entries(run: Run, text: str, orbit: Orbit, both: bool) -> list[int] | None:
     entries = [
         row
         for row, far in known.items()
-        if abs(far) < abs(known.get(row - lap, np.inf))
+        if row >= first
+        and abs(far) < abs(known.get(row - lap, np.inf))
         and abs(far) <= abs(known.get(row + lap, np.inf))
     ]
     nearest = sorted(entries, key=lambda row: abs(known[row]))[:ENTRIES]
-    sides = {known[row] > 0.0 for row in nearest[:ARRIVALS]}
-    return nearest if both or len(sides) < 2 else None
+    return {row: known[row] for row in nearest}
+
+
+def _sides_of(entries: dict[int, float]) -> set[float]:
+    """The sides of a stable manifold on which the nearest arrivals are, as signs."""
+    return set(np.sign(list(entries.values())[:ARRIVALS]).tolist())
 
 
 def _paths(simulator: Simulator, orbit: Orbit, walls: str, rows: Array) -> Iterator[Guess]:
@@ -567,7 +617,7 @@ def _paths(simulator: Simulator, orbit: Orbit, walls: str, rows: Array) -> Itera
 def _touching(simulator: Simulator, orbit: Orbit, walls: str, rows: Array) -> Iterator[Guess]:
     """Return paths near to an arrival without a grazing, from the orbits that the motion has
     followed before."""
-    followed = dict[str, tuple[float, int, int, Word]]()
+    followed = dict[str, tuple[float, int, Word]]()
     for place in range(BEFORE - DEPTH + 1, BEFORE + 1):
         tail = _tail(walls[:place], rows[:place, 0], simulator.period)
         if tail is not None:
@@ -575,13 +625,10 @@ def _touching(simulator: Simulator, orbit: Orbit, walls: str, rows: Array) -> It
             lap = len(before)
             change = abs(rows[place - 1, 1] - rows[place - 1 - lap, 1])
             name = min(before.walls[k:] + before.walls[:k] for k in range(lap))
-            nearest = followed.get(name, (np.inf, 0, 0, before))
-            followed[name] = min(nearest, (change, place, begin, before))
-    for _, place, begin, before in followed.values():
+            nearest = followed.get(name, (np.inf, 0, before))
+            followed[name] = min(nearest, (change, begin, before))
+    for _, begin, before in followed.values():
         yield walls[begin:], None, rows[begin:], before
-        if is_rotation(before.walls, orbit.word.walls):
-            for path, _, impacts, word in _leaving(orbit, walls, place, rows):
-                yield path, None, impacts, word
 
 
 def _leaving(orbit: Orbit, walls: str, grazing: int, rows: Array) -> Iterator[Guess]:
@@ -673,7 +720,8 @@ def _crisis(
     after = settle(simulator, attractor.state, PATIENT)
     type_: str | None = None
     touches = f"where a manifold touches that of {orbit.notation}, at {value:.15g}"
-    for _ in range(RUNS):
+    made = 0
+    while made < RUNS * RETURNING:
         if after.kind is not Kind.COMPLEX or after.state is None:
             break
         if passes_and_returns(orbit, after, beyond):
@@ -683,12 +731,18 @@ def _crisis(
             type_ = "merging" if _parts_two(orbit) else "interior"
             break
         end = simulator.run(after.state, impacts=RETURNING, record=False).end
+        made += RETURNING
         after = settle(simulator, end)
     else:
         seen = f"motion stays complex, and does not pass the orbit at {beyond:.9g}"
         return NoCrisis(f"{touches}, no attractor changes: {seen}, in {RUNS * RETURNING} impacts")
+    lasting = RUNS * RETURNING
     if after.kind not in (Kind.COMPLEX, Kind.NOT_SETTLED):
         type_ = "boundary"
+        lasting = min(lasting, RUNS * (made + math.ceil(after.periods * attractor.rate)))
+    if not _lasts(orbit, attractor, lasting):
+        beside = f"motion at {orbit.value:.9g} is a transient, too, over in {lasting} impacts"
+        return NoCrisis(f"{touches}, no attractor ends: {beside}")
     names = attractor.notation, type_, after.notation
     return Crisis(orbit.parameter, value, error, *names, orbit.value, there, path, there.model)
 
@@ -708,14 +762,16 @@ def _has_widened(
         for one, run in runs
     )
     furthest = partial(np.quantile, q=1.0 - RARE)
-    return distances_between(reached, known, RETURNING, furthest)[0] > WIDER
+    beyond, within = distances_between(reached, known, RETURNING, furthest)
+    return beyond > WIDER * within
 
 
-def _lasts(orbit: Orbit, attractor: Attractor) -> bool:
-    """Whether complex motion stays so for long: close to a crisis it may be a transient already."""
+def _lasts(orbit: Orbit, attractor: Attractor, impacts: int) -> bool:
+    """Whether complex motion stays so for as many impacts: close to a crisis it may be a transient
+    already."""
     assert attractor.state is not None
     simulator = Simulator(orbit.model, orbit.problem.kernels)
-    end = simulator.run(attractor.state, impacts=RUNS * RETURNING, record=False).end
+    end = simulator.run(attractor.state, impacts=impacts, record=False).end
     return end is not None and settle(simulator, end).kind is Kind.COMPLEX
 
 
@@ -737,6 +793,6 @@ def passes_and_returns(orbit: Orbit, after: Attractor, value: float) -> bool:
     there = Orbit(orbit.problem, here)
     simulator = Simulator(there.model, orbit.problem.kernels)
     run = simulator.run(after.state, impacts=RETURNING)
-    if run.end is None or _entries(run, run.word, there, False) is not None:
+    if run.end is None or len(_sides_of(_entries(run, there))) < 2:
         return False
     return settle(simulator, run.end).kind is Kind.COMPLEX

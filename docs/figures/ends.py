@@ -3,12 +3,13 @@
     python docs/figures/ends.py
 
 Writes ``ends.csv.xz`` beside this file, and prints how many ends there are of each kind; takes
-about ten minutes.
+about ten minutes of two processors. Ends that nothing explains have what was tried as their text.
 """
 
 import csv
 import io
 import lzma
+import multiprocessing
 import tempfile
 import tomllib
 from collections import Counter
@@ -33,7 +34,7 @@ UNUSED = ("study", "energy", "plot")
 
 
 def scenes(figure):
-    """Yield the figure's scene at each of its restitutions, followed more deeply."""
+    """Yield the figure, and its scene at each of its restitutions, followed more deeply."""
     given = tomllib.loads((BRANCHES / SCENES[figure]).read_text("utf-8"))
     grid = given.get("study", {}).get("grid", {}).get("r")
     data = {name: table for name, table in given.items() if name not in UNUSED}
@@ -45,28 +46,33 @@ def scenes(figure):
         if grid:
             r = grid["from"] + (grid["to"] - grid["from"]) * k / (count - 1)
             data["model"]["parameters"]["r"] = round(r, 12)
-        yield read_scene(data)
+        yield figure, read_scene(data)
 
 
-def rows(figure):
-    """Yield a row for each end of complex motion."""
-    for scene in scenes(figure):
-        with tempfile.TemporaryDirectory() as folder:
-            sweep = simulate(scene, Path(folder)).sweep
-        r = scene.model.values["r_B"] if "r_B" in scene.model.values else scene.model.values["r"]
-        for found in find_crises(sweep, follow(scene)):
-            if isinstance(found, Crisis):
-                yield figure, r, "CR", found.label, found.value, found.error, str(found)
-            elif found.entry:
-                entry = found.entry
-                yield figure, r, entry.kind, entry.label, entry.value, entry.error, found.reason
-            else:
-                yield figure, r, "", "", "", "", found.reason
+def rows(given):
+    """Return a row for each end of complex motion in a scene."""
+    (figure, scene), found = given, []
+    with tempfile.TemporaryDirectory() as folder:
+        sweep = simulate(scene, Path(folder)).sweep
+    values = scene.model.values
+    r = values.get("r_B", values.get("r"))
+    for end in find_crises(sweep, follow(scene)):
+        if isinstance(end, Crisis):
+            found.append((figure, r, "CR", end.label, end.value, end.error, str(end)))
+        elif (entry := end.entry) is not None:
+            known = entry.kind, entry.label, entry.value, entry.error
+            found.append((figure, r, *known, end.reason))
+        else:
+            found.append((figure, r, "", "", "", "", end.reason))
+    print(figure, r, len(found), flush=True)
+    return found
 
 
 def main():
     """Write the table."""
-    found = [row for figure in SCENES for row in rows(figure)]
+    with multiprocessing.Pool() as pool:
+        given = (scene for figure in SCENES for scene in scenes(figure))
+        found = [row for some in pool.imap(rows, given) for row in some]
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([COLUMNS, *found])
     (HERE / "ends.csv.xz").write_bytes(lzma.compress(text.getvalue().encode()))

@@ -29,7 +29,8 @@ from contimpact.diagrams.crisis_location import (
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.errors import InputError
-from contimpact.orbits.search import find_orbits
+from contimpact.orbits.orbit import Orbit
+from contimpact.orbits.search import find_orbits, solve_near
 from contimpact.page.data import PageView, page_data
 from contimpact.results.catalogue import load_diagram, write_diagram
 from contimpact.results.diagram import Diagram
@@ -45,6 +46,12 @@ from contimpact.systems.impact_pair import ImpactPair
 FIG7 = 0.355220528250598985031742370212
 """s of the crisis of Fig. 7."""
 AT_R = {0.25: 0.361532047552305157160506350248, 0.35: 0.349262216481894132923365508288}
+
+
+def at(orbit, value):
+    """An orbit at another value of its parameter."""
+    unknowns = np.append(orbit.unknowns[:-1], value)
+    return Orbit(orbit.problem, solve_near(orbit.problem, unknowns))
 
 
 def unstable(s, r=0.3):
@@ -282,6 +289,13 @@ def test_a_scene_needs_branches():
         scene(simulate={"range": [0.35, 0.36], "crises": True})
 
 
+@pytest.mark.slow
+def test_a_tangency_without_a_grazing_is_the_crisis(interior):
+    """From the orbit's manifold alone, without an attractor."""
+    near = locate_tangencies(at(interior.orbit, interior.value + 1e-5), starts=32)
+    assert min(abs(t.value - interior.value) for t in near) <= 1e-12
+
+
 def test_a_homoclinic_tangency_is_the_crisis():
     first = locate_tangencies(unstable(0.3556), starts=6)[0]
     assert abs(first.value - FIG7) <= first.error < 1e-12
@@ -358,12 +372,19 @@ def test_two_complex_attractors_of_one_notation_are_two(symmetric):
     assert attractor_numbers(simulator, states, [], Settling()) == [0, 1, 0, 1]
 
 
+@pytest.fixture(scope="module")
+def merging(symmetric):
+    """The crisis at which both merge."""
+    found = locate_crisis(symmetric)
+    assert isinstance(found, Crisis)
+    return found
+
+
 @pytest.mark.full
-def test_mirror_images_merge_without_a_grazing(symmetric):
+def test_mirror_images_merge_without_a_grazing(merging):
     """Simulated on both sides: before, motion keeps to one side of the symmetric orbit; beyond, as
     many impacts are on either wall."""
-    crisis = locate_crisis(symmetric)
-    assert isinstance(crisis, Crisis)
+    crisis = merging
     assert (crisis.type, crisis.grazing, crisis.after) == ("merging", None, "1:1/C")
     assert crisis.error < 1e-12
     for side in (1e-5, -1e-3):
@@ -380,6 +401,56 @@ def test_mirror_images_merge_without_a_grazing(symmetric):
 
 
 @pytest.mark.slow
+def test_a_curve_of_crises_without_a_grazing(merging):
+    """Crises located apart from it lie on it."""
+    curve = follow_crisis(merging, "r", (0.49, 0.51))
+    assert curve.physical.all()
+    assert curve.errors.max() < 1e-12
+    model = ImpactPair(beta=0.0, r=0.49, A=5.0, s=0.201)
+    orbit = next(o for o in find_orbits(model, "1:1", parameter="s") if o.physical)
+    other = locate_crisis(orbit)
+    assert isinstance(other, Crisis)
+    assert curve.values[0, 1] == 0.49
+    assert abs(curve.values[0, 0] - other.value) <= curve.errors[0] + other.error
+
+
+@pytest.fixture(scope="module")
+def interior():
+    """Where a window with six bands ends, on the orbit born unstable at the fold it begins with."""
+    model = ImpactPair(beta=math.pi / 6, r=0.5, A=5.0, s=0.3502)
+    motion = settle(model, Simulator(model).state("B", 0.3, 1.0))
+    assert motion.notation == "1:1/6T"
+    branch = continue_orbit(motion.orbit(model, "s"), range=(0.34985, 0.3504), events=["FB"])
+    ends = [branch.orbit(row) for row in (0, len(branch) - 1)]
+    found = locate_crisis(next(o for o in ends if o.multipliers[0].real > 1.0))
+    assert isinstance(found, Crisis)
+    return found
+
+
+@pytest.mark.full
+def test_an_attractor_widens_in_an_interior_crisis(interior):
+    """Simulated on both sides: of twelve impacts each keeps to its band before, and to a sixth of
+    the bands beyond."""
+    assert (interior.label, interior.type) == ("CR[1:1/C|1:1/6T]", "interior")
+    assert (interior.grazing, interior.homoclinic) == (None, True)
+    assert interior.error < 1e-12
+    assert interior.value < interior.seen < interior.value + 2e-6
+    state = None
+    for side, least, most in ((1e-6, 0.01, 0.015), (-1e-6, 0.08, 0.1)):
+        simulator = Simulator(interior.model.replace(s=interior.value + side))
+        motion = settle(simulator, state or simulator.state("B", 0.3, 1.0), Settling(periods=8000))
+        run, state = simulator.run(motion.state, impacts=36_000), motion.state
+        phases = (run.phases / simulator.period).reshape(-1, 12)
+        widths = np.ptp((phases - phases[0] + 0.5) % 1.0, axis=0)
+        assert least < widths.max() < most
+    longer = interior.path.problem.longer(interior.path.unknowns, 1, 1)
+    again = solve(*longer)
+    assert abs(again.unknowns[-1] - interior.value) <= interior.error + error_of(again)
+    with mp.workdps(30):
+        assert_two_connections_meet(interior)
+
+
+@pytest.mark.slow
 def test_a_tangency_at_which_no_attractor_changes_is_refused():
     """Counted by a program of its own, 24% of the impacts of 3:1/C are on T on both sides of it."""
     model = ImpactPair(beta=math.pi / 3, r=0.8, A=5.0, s=0.1452)
@@ -393,34 +464,34 @@ def test_a_tangency_at_which_no_attractor_changes_is_refused():
 def assert_two_connections_meet(crisis):
     """By the flights written out: the path's equations have a kernel, so that to second order two
     solutions leave the crisis to one side of s alone."""
-    kept = crisis.connection()
-    walls, n = kept["walls"], 2 * len(kept["walls"])
-    before = len(crisis.path.problem.before), crisis.path.problem.before.period
+    kept, problem = crisis.connection(), crisis.path.problem
+    walls, n, last = kept["walls"], 2 * len(kept["walls"]), len(kept["walls"]) - 1
     values = {name: mp.mpf(x) for name, x in crisis.orbit.parameters.items()}
+    values["s"] = mp.mpf(crisis.value)
+    laps = (
+        (0, len(problem.before), problem.before),
+        (last - len(problem.after), last, problem.after),
+    )
 
-    def residual(z, s):
-        at, last = {**values, "s": s}, len(walls) - 1
-        rows = [(z[2 * k], z[2 * k + 1]) for k in range(len(walls))]
-        found = [
-            x
-            for k in range(last)
-            for x in pair_flight(
-                at, "cos(pi*t)", walls[k : k + 1], walls[k + 1], *rows[k], *rows[k + 1]
-            )[0]
-        ]
-        ends = rows[before[0]][0] - rows[0][0] - 2 * before[1], rows[-1][0] - rows[-3][0] - 2
-        return mp.matrix([*found, *ends])
+    def flight(z, k):
+        ends = (walls[k : k + 1], walls[k + 1], *z[2 * k : 2 * k + 4])
+        return np.array(pair_flight(values, "cos(pi*t)", *ends)[0])
 
-    z = mp.matrix([x for row in zip(kept["times"], kept["velocities"], strict=True) for x in row])
-    s, step = mp.mpf(crisis.value), mp.mpf("1e-14")
-    here = residual(z, s)
-    assert max(abs(x) for x in here) < 1e-11
-    jacobian = mp.matrix(n, n)
+    def closing(z):
+        return np.array([z[2 * j] - z[2 * i] - 2 * word.period for i, j, word in laps])
+
+    rows = zip(kept["times"], kept["velocities"], strict=True)
+    z, step = [mp.mpf(x) for row in rows for x in row], mp.mpf("1e-14")
+    flights = [flight(z, k) for k in range(last)]
+    assert np.max(np.abs([*np.ravel(flights), *closing(z)])) < 1e-11
+    jacobian = np.zeros((n, n))
     for k in range(n):
-        moved = z.copy()
-        moved[k] += step
-        jacobian[:, k] = (residual(moved, s) - here) / step
-    singular = np.linalg.svd(np.array(jacobian.tolist(), dtype=float), compute_uv=False)
+        moved = [x + step if j == k else x for j, x in enumerate(z)]
+        for j in range(max(k // 2 - 1, 0), min(k // 2 + 1, last)):
+            change = (flight(moved, j) - flights[j]) / step
+            jacobian[2 * j : 2 * j + 2, k] = change.astype(float)
+        jacobian[-2:, k] = ((closing(moved) - closing(z)) / step).astype(float)
+    singular = np.linalg.svd(jacobian, compute_uv=False)
     assert singular[-1] < 1e-9 * singular[-2]
 
 
