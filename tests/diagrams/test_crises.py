@@ -289,7 +289,7 @@ def test_a_scene_needs_branches():
         scene(simulate={"range": [0.35, 0.36], "crises": True})
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_a_tangency_without_a_grazing_is_the_crisis(interior):
     """From the orbit's manifold alone, without an attractor."""
     near = locate_tangencies(at(interior.orbit, interior.value + 1e-5), starts=32)
