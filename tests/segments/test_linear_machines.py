@@ -49,7 +49,7 @@ def test_flows_are_the_same_to_the_last_bit(seed):
     space = rng.normal(size=space_of(*shape))
     for dt in (1e-9, -0.02, 0.3, 3.0):
         space[:size] = numbers
-        assert flow(*shape, dt, *numbers) == flow_compiled(*shape, dt, space).tolist()
+        assert list(flow(*shape, dt, *numbers)) == flow_compiled(*shape, dt, space).tolist()
 
 
 def test_a_flow_beyond_the_range_of_floats_has_no_value():
