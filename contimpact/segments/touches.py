@@ -127,6 +127,10 @@ acceleration there, as parts of the largest at the ends of flights."""
 BRIEF = 1e-9
 """A flight shorter than this part of the orbit's period may begin either way: it vanishes."""
 
+TURNED = 1e-9
+"""A velocity at a flight's end below this part of its change is zero: orbits solve their equations
+to 1e-12."""
+
 SMALLEST = 1e-300
 """A depth of which is only known that there is one."""
 
@@ -265,10 +269,10 @@ def _touches(
 
 
 def _speed_at(motion: Motion, length: float) -> float:
-    """The velocity of a coordinate at a flight's end. Where rounding alone is left of it, as where
-    the flight ends because the coordinate turns, it has turned: a touch there is the flight's."""
+    """The velocity of a coordinate at a flight's end. Where a residual alone is left of it, the
+    flight ends because the coordinate turns, and has turned: a touch there is the flight's."""
     _, speed, acceleration = motion((), length, ())
-    turned = abs(speed) <= ROUNDING * abs(acceleration * length)
+    turned = abs(speed) <= TURNED * abs(acceleration * length)
     return math.copysign(SMALLEST, acceleration) if turned else speed
 
 
