@@ -41,6 +41,7 @@ FOR_ALL = {
 """What any package may import as well."""
 
 TRUSTED = {
+    "contimpact.__main__": {"exec"},
     "contimpact.segments.arithmetic": {"exec"},
     "contimpact.segments.kernels": {"exec"},
     "contimpact.segments.compiling": {"ctypes"},
@@ -49,7 +50,7 @@ TRUSTED = {
     "contimpact.segments.transients": {"exec"},
     "contimpact.segments.machine_code": {"subprocess"},
 }
-"""Modules that run what the package has written itself: kernels, and compiled code."""
+"""Modules that run what the package has written itself: kernels, compiled code, an empty text."""
 
 
 class Import(NamedTuple):

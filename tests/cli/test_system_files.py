@@ -184,3 +184,13 @@ def test_plugins_that_are_refused(plugin, entry, text, says):
     plugin(entry, text)
     with pytest.raises(InputError, match=says):
         system(entry.split(" ")[0])
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
+def test_an_interruption_while_a_text_is_executed_has_its_exit_status(folder):
+    """CPython ends ``python -m`` as by SIGINT otherwise, though the interruption was handled."""
+    text = "exec('import os, signal; os.kill(os.getpid(), signal.SIGINT); [i for i in range(9)]')"
+    (folder / "my_ball.py").write_text(f"{BALL}\n{text}\n")
+    command = [sys.executable, "-m", "contimpact", "check", "scene.toml", "--system", "my_ball.py"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (1, "contimpact: interrupted\n")
