@@ -60,7 +60,6 @@ SLOPES = tuple((k + 1.0) / math.factorial(k + 2) for k in range(TERMS))
 BEYOND = "a linear flight with numbers beyond the range of floats"
 
 
-@lru_cache(maxsize=64)
 def flow(d: int, h: int, directions: int, dt: float, *numbers: float) -> tuple[float, ...]:
     """Return the rows of a linear flight that the equations of orbits are made of.
 
@@ -83,6 +82,13 @@ def flow(d: int, h: int, directions: int, dt: float, *numbers: float) -> tuple[f
         end velocities (those of 1 + tQ of the velocities), the derivatives of both by the
         duration, and those of both by each direction.
     """
+    return _flow(d, h, directions, dt, numbers)
+
+
+@lru_cache(maxsize=64)
+def _flow(
+    d: int, h: int, directions: int, dt: float, numbers: tuple[float, ...]
+) -> tuple[float, ...]:
     n = 2 * d + 2 * h + 1
     scales, sums, sizes = [1.0] * n, [0.0] * n, [1.0] * (directions + 1)
     top = [0.0] * (n * n * (directions + 1))

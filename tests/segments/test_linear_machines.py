@@ -90,9 +90,15 @@ def same(one, other):
     assert one.ends == other.ends
 
 
+QUICKEST = "coupled-by-impact"
+MARKED = [
+    pytest.param(name, marks=pytest.mark.full if name == QUICKEST else pytest.mark.slow)
+    for name in CASES
+]
+
+
 @needs_llvmlite
-@pytest.mark.slow
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", MARKED)
 def test_compiled_branches_are_the_same(plain_and_compiled, name):
     plain, fast = plain_and_compiled(lambda: branch_with_events(name))
     assert plain.events
