@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..continuation.branch import Location, TestFunction
+from ..continuation.branch import Between, Location, TestFunction
 from ..continuation.corrector import orient_vector
 from ..continuation.problem import Problem
 from ..models.word import Word
@@ -43,11 +43,13 @@ from .extended_system import (
     Orbits,
     OrbitTest,
     SingularCycle,
+    event_on,
     has_multiplier,
     located,
     null_vectors,
 )
 from .kind import SUB, SUPER, Change, Details, Equations, Kind, Look, Start, System, Values
+from .scalar_systems import ScalarForm
 
 
 class PeriodDoubling(OrbitTest):
@@ -59,6 +61,10 @@ class PeriodDoubling(OrbitTest):
 
     def of(self, orbits: Orbits) -> Array:
         return orbits.doubling[:, None]
+
+    def locate_on(self, arc: Between, fraction: float, index: int) -> OrbitEvent | None:
+        form = ScalarForm("singular", mu=-1.0)
+        return event_on(self.kind, form, arc, fraction, lambda _: {"index": index})
 
     def locate(
         self, problem: Problem[Linearisation], guess: OrbitPoint, index: int

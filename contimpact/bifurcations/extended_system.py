@@ -31,10 +31,11 @@ from typing import Protocol, TypeAlias
 import numpy as np
 
 from ..arrays import Array
-from ..continuation.branch import Block, Details, Event, Location, Point, TestFunction
+from ..continuation.branch import Between, Block, Details, Event, Location, Point, TestFunction
 from ..continuation.crossing_branches import Meeting
 from ..continuation.problem import Problem
 from ..orbits.problem import Linearisation, OrbitProblem, rounding
+from .event_solver import LocatedPoint, solver_of
 from .scalar_systems import (
     CONVERGED,
     EPSILON,
@@ -42,7 +43,6 @@ from .scalar_systems import (
     FIRST_ORDER,
     NEWTON_ITERATIONS,
     ScalarForm,
-    solver_of,
 )
 
 # Test functions of orbits: written once, for a single orbit and for all those of a batch.
@@ -334,6 +334,21 @@ def located(
         return None
     told = details(solution) if details else {}
     return Location(solution.unknowns, solution.residual, solution.error, told, solution.here)
+
+
+def event_on(
+    kind: str,
+    form: ScalarForm,
+    arc: Between,
+    fraction: float,
+    details: Callable[[LocatedPoint], Details],
+) -> OrbitEvent | None:
+    """Locate an event on an arc in one go, as a test function does; None if that fails."""
+    solver = solver_of(arc.left.evaluation.problem, form)
+    found = solver.locate(form, arc, fraction) if solver else None
+    if found is None:
+        return None
+    return Event(kind, found.point, found.residual, found.error, "newton", details(found))
 
 
 def rounding_of_product(matrix: Array, bounds: Array, vector: Array) -> Array:

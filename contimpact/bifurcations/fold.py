@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..continuation.branch import Location, TestFunction
+from ..continuation.branch import Between, Location, TestFunction
 from ..continuation.problem import Problem
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
@@ -23,12 +23,14 @@ from .extended_system import (
     Orbits,
     OrbitTest,
     SingularCycle,
+    event_on,
     has_multiplier,
     located,
     null_vectors,
     stands_upright,
 )
 from .kind import Change, Details, Equations, Kind, Look, System, Values
+from .scalar_systems import ScalarForm
 
 
 class Fold(OrbitTest):
@@ -38,6 +40,10 @@ class Fold(OrbitTest):
 
     def of(self, orbits: Orbits) -> Array:
         return orbits.tangents[:, -1:]
+
+    def locate_on(self, arc: Between, fraction: float, index: int) -> OrbitEvent | None:
+        form = ScalarForm("singular", mu=1.0)
+        return event_on(self.kind, form, arc, fraction, lambda _: {"index": index})
 
     def locate(
         self, problem: Problem[Linearisation], guess: OrbitPoint, index: int

@@ -30,7 +30,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..continuation.branch import Location, Point, TestFunction
+from ..continuation.branch import Between, Location, Point, TestFunction
 from ..continuation.ends import EndKind
 from ..continuation.problem import Problem
 from ..models.guards import way_back
@@ -40,13 +40,16 @@ from ..orbits.problem import Array, Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
 from ..segments.flight import Touch
 from ..segments.segment import ELSEWHERE
+from .arc_location import PASSING
 from .codimension_two import CurvePoint, touch_points
+from .event_solver import LocatedPoint
 from .extended_system import (
     ExtendedSystem,
     OrbitEvent,
     OrbitPoint,
     Orbits,
     OrbitTest,
+    event_on,
     located,
     places_of,
 )
@@ -76,11 +79,9 @@ from .sliding import (
     onsets_of_word,
     sliding_kind_of_touch,
     tolerated_touches,
+    touch_form,
     violations,
 )
-
-PASSING = 1e-9
-"""A gap of a located touch below minus this is that of another place, where the flight passes."""
 
 AT_END = 1e-6
 """A touch nearer to its flight's end, as part of the period, is that end."""
@@ -146,6 +147,19 @@ class Grazing(OrbitTest):
         start, arrival = problem.times_around(found.unknowns, flight)
         within = start < found.details["touch_time"] < arrival
         return found if within and self.nearest(problem, found, index) else None
+
+    def locate_on(self, arc: Between, fraction: float, index: int) -> OrbitEvent | None:
+        if index >= len(self.places):
+            return None
+        flight, wall = self.places[index]
+        form = touch_form(arc.left.evaluation.problem, flight, wall)
+        if form is None:
+            return None
+
+        def details(found: LocatedPoint) -> Details:
+            return {"index": index, **self._described(flight, wall, float(found.own[0]))}
+
+        return event_on(self.kind, form, arc, fraction, details)
 
     def nearest(self, problem: OrbitProblem, found: Location, index: int) -> bool:
         """Whether a flight does not pass the wall where it touches it at one of several extrema."""

@@ -9,22 +9,15 @@ Functions of vectors are in the plain subset of Python that `segments.compiling`
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from ..arrays import ARRAYS, LISTS, Array, Containers, Table, Vector
-from ..orbits.problem import CyclicBlocks, Linearisation, OrbitProblem
+from ..arrays import Table, Vector
 from ..segments.bounded_code import add_pairs, multiply_pairs
-from ..segments.compiling import CompiledProgram, addresses, load, mode, timed_plainly
-from ..segments.kernels import Kernels
-from ..segments.layout import Blocks, Family, Setup
-
-if TYPE_CHECKING:
-    from ..segments.machine_code import Program
+from ..segments.layout import Blocks, Setup
 
 EPSILON = float(np.finfo(float).eps)
 NEWTON_ITERATIONS = 12
@@ -41,7 +34,7 @@ LONGEST = 8
 
 
 class ScalarForm(NamedTuple):
-    """What tells a system from others of its variant; see `Solver`."""
+    """What tells a system from others of its variant; see `event_solver.Solver`."""
 
     variant: str
     """"singular" for F = 0 and C(mu) q = 0, "touching" for F = 0 and a flight to a touch."""
@@ -223,12 +216,11 @@ def largest(residual: Vector) -> float:
     return size if total - total == 0.0 else math.nan
 
 
-def factor(matrix: Table, right: Vector) -> tuple[float, float]:
-    """Eliminate with partial pivoting, the right side as well.
+def factor(matrix: Table, right: Vector, n: int) -> tuple[float, float]:
+    """Eliminate n rows with partial pivoting, the right side as well.
 
     Returns sign and logarithm of the determinant; the sign is 0 where it vanishes.
     """
-    n = len(right)
     sign, logarithm = 1.0, 0.0
     for c in range(n):
         pivot, size = c, abs(matrix[c][c])
@@ -290,7 +282,7 @@ def solve_transposed(system: SystemVectors, row: Vector, place: int, out: Vector
 def eliminate_all(system: SystemVectors, out: Vector) -> tuple[float, float]:
     """Solve with what is in the scratch space; returns sign and logarithm of the determinant."""
     right = system.right
-    sign, logarithm = factor(system.factors, right)
+    sign, logarithm = factor(system.factors, right, len(out))
     if sign != 0.0:
         for i in range(len(out) - 1, -1, -1):
             line, value = system.factors[i], right[i]
@@ -464,304 +456,3 @@ def solve_system(
             error += abs(step[i]) * off
         told[ERROR] = error
     return SOLVED
-
-
-# Programs: the kernels of a model by number, and the entry.
-
-SECOND_OF_ONE = """
-def any_second(kind, t0, v0, t1, v1, q0, q1, q2, q3, p):
-    r, a, b, free = one_second(kind, t0, v0, t1, v1, q0, q1, q2, q3, p)
-    return r, a, b, (free[0], 0.0, free[1], 0.0)
-"""
-
-ONE_FREE = """
-def any_flight(kind, t0, v0, t1, v1, p):
-    r, a, b, free = one_flight(kind, t0, v0, t1, v1, p)
-    return r, a, b, (free[0], 0.0, free[1], 0.0)
-
-def any_setup(p):
-    period, slopes, _, _, _, _ = kernel_setup({p})
-    return period, (slopes[0], 0.0), 0.0, 0.0, 0.0, 0.0
-
-def any_period(p):
-    return bounded_setup({pairs})
-
-def bound(system, z, off):
-    return bound_{variant}(any_bounded, any_period, system, z, off)
-
-def entry({fields}, {search}, options):
-    system = SystemVectors({fields})
-    return solve_system(evaluate, bound, system, Search({search}), options[0])
-"""
-
-EVALUATE = {
-    "singular": """
-def evaluate(system, z):
-    return evaluate_singular(any_flight, any_second, any_setup, system, z)
-""",
-    "touching": """
-def evaluate(system, z):
-    return evaluate_touching(any_flight, any_setup, system, z)
-""",
-}
-
-
-def add_kernels(program: Program, kernels: Kernels, variant: str, free: str) -> str:
-    """Add what evaluates a variant's systems; flights have names that begin with `free`.
-
-    Returns the text of the parameter values.
-    """
-    from ..segments.machine_code import choice
-
-    p = ", ".join(f"p[{i}]" for i in range(len(kernels.model.values)))
-    walls = kernels.model.letters
-    pairs = [(a, b) for a in walls for b in walls]
-    ends = "t0, v0, t1, v1"
-    flights = {f"flight_{a}_{b}": kernels.flight(a, b) for a, b in pairs}
-    given = f"{ends}, {p}"
-    program.glue(
-        choice(f"{free}_flight", f"kind, {ends}, p", "kind", list(flights), given), **flights
-    )
-    if variant == "singular":
-        seconds = {f"second_{a}_{b}": kernels.second(a, b) for a, b in pairs}
-        along, held = f"{ends}, q0, q1, q2, q3", ", 0.0" * len(kernels.parameters)
-        given = f"{along}{held}, {p}"
-        text = choice(f"{free}_second", f"kind, {along}, p", "kind", list(seconds), given)
-        program.glue(text, **seconds)
-    program.constant("SystemVectors", SystemVectors)
-    return p
-
-
-def program_of(kernels: Kernels, variant: str) -> Program:
-    """Return the program that solves a variant's systems, for any word of a model."""
-    from ..segments.machine_code import Program, choice
-
-    program = Program({})
-    p = add_kernels(program, kernels, variant, "one")
-    walls = kernels.model.letters
-    bounded = {f"bounded_{a}_{b}": kernels.bounded(a, b) for a in walls for b in walls}
-    pairs = ", ".join(f"(p[{i}], 0.0)" for i in range(len(kernels.model.values)))
-    ends = "t0, v0, t1, v1"
-    given = f"{ends}, {pairs}"
-    program.glue(choice("any_bounded", f"kind, {ends}, p", "kind", list(bounded), given), **bounded)
-    program.constant("Search", Search)
-    evaluate, bound = FUNCTIONS[variant]
-    called: list[Callable[..., Any]] = [evaluate, bound, solve_system]
-    named = {function.__name__: function for function in called}
-    second = SECOND_OF_ONE if variant == "singular" else ""
-    text = (
-        second
-        + EVALUATE[variant]
-        + ONE_FREE.format(
-            p=p,
-            pairs=pairs,
-            variant=variant,
-            fields=", ".join(SystemVectors._fields),
-            search=", ".join(Search._fields),
-        )
-    )
-    program.glue(text, kernel_setup=kernels.setup, bounded_setup=kernels.bounded_period, **named)
-    return program
-
-
-FUNCTIONS: dict[str, tuple[Callable[..., float], Callable[..., None]]] = {
-    "singular": (evaluate_singular, bound_singular),
-    "touching": (evaluate_touching, bound_touching),
-}
-
-ARGUMENTS = "ii" + "ffff" + "FFF" + "ffffffff" + "f"
-"""Kinds of the entry's arguments: those of `SystemVectors`, then those of `Search`, and how far the
-solution may be from its guess."""
-
-
-def vectors_of(
-    problem: OrbitProblem, form: ScalarForm, size: int, second: int, made_by: Containers
-) -> SystemVectors:
-    """Return a system of so many unknowns as vectors and tables; `second` is the place of mu among
-    the parameter values."""
-    vector, table = made_by
-    walls, names = problem.model.letters, list(problem.model.values)
-    places = [walls.index(a) for a in problem.word.walls]
-    kinds = [len(walls) * a + b for a, b in zip(places, [*places[1:], places[0]], strict=True)]
-    first = names.index(problem.parameter)
-    values = list(problem.model.values.values())
-    return SystemVectors(
-        kinds=vector(kinds),
-        counts=vector([problem.word.period, first, second, form.flight, form.touch]),
-        numbers=vector([form.mu, 0.0]),
-        values=vector(values if second < len(values) else [*values, 0.0]),
-        residual=vector([0.0] * (size - 1)),
-        right=vector([0.0] * size),
-        blocks=table(len(kinds), BLOCK),
-        jacobian=table(size - 1, size),
-        factors=table(size, size),
-    )
-
-
-class Solved(NamedTuple):
-    """A solution, or that it is not known whether there is one near enough (`known`)."""
-
-    known: bool
-    here: Linearisation
-    own: Array
-    residual: Array
-    jacobian: Array
-    error: float | None
-    """A bound of the parameter's error, if there is one."""
-
-
-class Solver:
-    """Solves the systems of a variant on the orbits of one problem.
-
-    Parameters
-    ----------
-    problem : OrbitProblem
-        With one free parameter.
-    variant : str
-        The equations; see `ScalarForm`.
-    """
-
-    def __init__(self, problem: OrbitProblem, variant: str) -> None:
-        self.problem, self.variant = problem, variant
-        self.own = problem.n if variant == "singular" else 1
-
-    @functools.cached_property
-    def functions(self) -> tuple[Callable[..., float], Callable[..., None]]:
-        """``evaluate`` and ``bound``, plainly."""
-        kernels = self.problem.kernels
-        evaluate, bound = FUNCTIONS[self.variant]
-
-        def flight(kind: int, t0: float, v0: float, t1: float, v1: float, p: Vector) -> Blocks:
-            r, a, b, free = kernels.flights(kind, t0, v0, t1, v1, p[:-1])
-            return r, a, b, (free[0], 0.0, free[1], 0.0)
-
-        def second(kind: int, *given: Any) -> Blocks:
-            r, a, b, free = kernels.seconds(kind, *given[:-1], given[-1][:-1])
-            return r, a, b, (free[0], 0.0, free[1], 0.0)
-
-        def setup(p: Vector) -> Any:
-            period, slopes, *others = kernels.setup(*p[:-1])
-            return period, (slopes[0], 0.0), *others
-
-        def bounded(kind: int, t0: Any, v0: Any, t1: Any, v1: Any, p: Vector) -> Any:
-            walls = kernels.model.letters
-            a, b = divmod(kind, len(walls))
-            return kernels.bounded(walls[a], walls[b])(t0, v0, t1, v1, *[(x, 0.0) for x in p[:-1]])
-
-        def period(p: Vector) -> Any:
-            return kernels.bounded_period(*[(x, 0.0) for x in p[:-1]])
-
-        flights = (flight, second) if self.variant == "singular" else (flight,)
-
-        def evaluated(system: SystemVectors, z: Vector) -> float:
-            try:
-                return evaluate(*flights, setup, system, z)
-            except (ArithmeticError, ValueError):
-                return math.nan
-
-        def bounds(system: SystemVectors, z: Vector, off: Vector) -> None:
-            try:
-                bound(bounded, period, system, z, off)
-            except (ArithmeticError, ValueError):
-                off[:] = [math.nan] * len(off)
-
-        return evaluated, bounds
-
-    @functools.cached_property
-    def lists(self) -> tuple[SystemVectors, Search]:
-        """What a plain run works on."""
-        return self.vectors(LISTS)
-
-    @functools.cached_property
-    def arrays(self) -> tuple[SystemVectors, Search]:
-        """What compiled code works on."""
-        return self.vectors(ARRAYS)
-
-    @functools.cached_property
-    def addresses(self) -> list[int]:
-        """Those of the arrays."""
-        return addresses([*self.arrays[0], *self.arrays[1]])
-
-    def vectors(self, made_by: Containers) -> tuple[SystemVectors, Search]:
-        """A system and what its solution takes; of the solution all but the guess is filled in."""
-        problem, size = self.problem, self.problem.n + 2 + self.own
-        form = ScalarForm(self.variant)
-        second = len(problem.model.values)
-        zeros = [made_by.vector([0.0] * size) for _ in range(7)]
-        search = Search(made_by.vector([0.0] * problem.n), *zeros)
-        search.row[size - 1] = 1.0
-        return vectors_of(problem, form, size, second, made_by), search
-
-    @property
-    def program(self) -> tuple[str, ...]:
-        """What tells its program from others."""
-        return self.problem.kernels.identity, self.variant, "events"
-
-    def solve(
-        self, form: ScalarForm, here: Linearisation, start: Array, far: float
-    ) -> Solved | None:
-        """Return the solution next to an orbit, where the system's own unknowns are like `start`;
-        None where there is none."""
-        problem = self.problem
-        fast = self.compiled()
-        vectors, search = self.arrays if fast else self.lists
-        vectors.numbers[MU] = form.mu
-        vectors.counts[FLIGHT], vectors.counts[TOUCH] = form.flight, form.touch
-        guess = [*here.unknowns.tolist(), *start.tolist(), 0.0]
-        search.z[:], search.begin[:] = guess, guess
-        search.sizes[:] = problem.least_scale(here.unknowns).tolist()
-        if fast:
-            status = fast(np.array([far]), known=self.addresses)
-        else:
-            with timed_plainly(self.program):
-                status = solve_system(*self.functions, vectors, search, far)
-        problem.kernel_evaluations += int(search.told[EVALUATED]) * self.flights
-        return None if status == FAILED else self.solved(status == SOLVED, vectors, search)
-
-    @property
-    def flights(self) -> int:
-        """Flights evaluated at a point, those of second derivatives among them."""
-        count = len(self.problem.word)
-        return 2 * count if self.variant == "singular" else count + 1
-
-    def solved(self, known: bool, vectors: SystemVectors, search: Search) -> Solved:
-        """What is in the vectors."""
-        problem, n = self.problem, self.problem.n
-        best, error = np.array(search.best), float(search.told[ERROR])
-        here = Linearisation(problem, best[: n + 1], flights_of(np.array(vectors.blocks)))
-        residual, jacobian = np.array(vectors.residual), np.array(vectors.jacobian)[:, :-1]
-        own, error_known = best[n + 1 : -1], error if math.isfinite(error) else None
-        return Solved(known, here, own, residual, jacobian, error_known)
-
-    def compiled(self) -> CompiledProgram | None:
-        """Compiled code, where there is any and it pays."""
-        if mode() == "never":
-            return None
-        return load(self.program, ARGUMENTS, lambda: program_of(self.problem.kernels, self.variant))
-
-
-def flights_of(rows: Array, free: int = 1) -> CyclicBlocks:
-    """Return the blocks of an orbit from rows of `BLOCK` numbers, with so many free parameters."""
-    start, end = (rows[:, i : i + 4].reshape(-1, 2, 2) for i in (2, 6))
-    by_parameter = rows[:, 10:].reshape(-1, 2)[:, :free]
-    return CyclicBlocks(rows[:, :2].ravel(), start, end, by_parameter)
-
-
-def is_scalar(problem: OrbitProblem) -> bool:
-    """Whether systems on the orbits of a problem are scalar code: not for more than one degree of
-    freedom, free periods, long words, and flights that are no straight-line code."""
-    if problem.m != 2 or problem.autonomous or not 1 <= len(problem.word) <= LONGEST:
-        return False
-    families = {problem.kernels.flight(*kind).family for kind in problem.kinds}
-    return not families & {Family.LINEAR, Family.HARMONICS}
-
-
-def solver_of(problem: OrbitProblem, form: ScalarForm | None) -> Solver | None:
-    """Return what solves a system in one free parameter; None where that is no scalar code."""
-    if form is None or problem.free != 1 or not is_scalar(problem):
-        return None
-    if form.variant not in problem.solvers:
-        flown = any(problem.kernels.flown(*kind) for kind in problem.kinds)
-        problem.solvers[form.variant] = None if flown else Solver(problem, form.variant)
-    solver: Solver | None = problem.solvers[form.variant]
-    return solver

@@ -96,6 +96,15 @@ class Arrival(ExtendedSystem):
         return np.array(rows), start.reshape(m, m), end.reshape(m, m), free.reshape(m, -1)
 
 
+def touch_form(problem: OrbitProblem, flight: int, wall: str) -> ScalarForm | None:
+    """Return what tells a touch from others; None for an orbit without impacts."""
+    if not problem.word.walls:
+        return None
+    walls = problem.model.letters
+    touch = len(walls) * walls.index(problem.word.walls[flight]) + walls.index(wall)
+    return ScalarForm("touching", flight, touch)
+
+
 class SlidingTouch(Arrival):
     """A flight reaches a wall with zero velocity."""
 
@@ -104,10 +113,7 @@ class SlidingTouch(Arrival):
         segment = problem.kernels.segment(left, wall)
         super().__init__(problem, flight, segment, [0, *range(2, problem.m)])
         self.wall, self.time = wall, time
-        if left != SECTION:
-            walls = problem.model.letters
-            touch = len(walls) * walls.index(left) + walls.index(wall)
-            self.form = ScalarForm("touching", flight, touch)
+        self.form = touch_form(problem, flight, wall)
 
     def touch(self, own: Array) -> Array:
         """Return the touch as an impact: its time and section coordinates."""

@@ -6,13 +6,14 @@ import bisect
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Generic, TypeAlias, TypeVar, overload
+from typing import Any, Generic, Protocol, TypeAlias, TypeVar, overload
 
 import numpy as np
 
 from ..arrays import Array
 from .ends import End
 from .problem import E, Evaluation, Problem
+from .settings import Settings
 
 # The order of events along a branch, where rounding must not decide it.
 
@@ -400,6 +401,21 @@ class Location:
     evaluation: Evaluation | None = None
 
 
+class Between(Protocol):
+    """Two neighbouring points of a walk; see `contimpact.continuation.corrector.Arc`."""
+
+    @property
+    def left(self) -> Point: ...
+    @property
+    def right(self) -> Point: ...
+    @property
+    def span(self) -> float: ...
+    @property
+    def scale(self) -> Array: ...
+    @property
+    def settings(self) -> Settings: ...
+
+
 class TestFunction(ABC, Generic[At]):
     """A function of points whose zeros are events; generic in what the problem makes of a point.
 
@@ -449,6 +465,11 @@ class TestFunction(ABC, Generic[At]):
 
         Not-a-number says that a value does not exist here; it never takes part in a crossing.
         """
+
+    def locate_on(self, arc: Between, fraction: float, index: int) -> Event[At] | None:
+        """Locate a zero on an arc in one go, guessed at a fraction of it; None where that fails:
+        it is then looked for step by step, from `locate` on."""
+        return None
 
     def locate(self, problem: Problem[At], guess: Point[At], index: int) -> Location | None:
         """Solve the exact extended system from a nearby point; None if that fails."""

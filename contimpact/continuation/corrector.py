@@ -400,6 +400,9 @@ def signs_on_leaving(start: Array, other: Array) -> Array:
 CLOSEST_BRANCHES = 1e-4
 """Branches closer to each other than this part of a step are taken to cross."""
 
+ALONG = 1e-9
+"""How far before or beyond an arc a point may lie by rounding, as part of it."""
+
 NO_TANGENT = 1e-8
 """Part of its size below which rounding decides on the tangent's orientation."""
 
@@ -505,6 +508,5 @@ class Arc:
         """Whether a point lies on the branch between both ends, within a step of the chord."""
         fraction = self.fraction(unknowns)
         off = unknowns - self.left.unknowns - fraction * self.chord
-        slack = 1e-9
-        near = length(off, self.scale) <= 0.5 * length(self.chord, self.scale) + slack
-        return near and -slack <= fraction <= 1.0 + slack
+        near = length(off, self.scale) <= 0.5 * length(self.chord, self.scale) + ALONG
+        return near and -ALONG <= fraction <= 1.0 + ALONG

@@ -187,7 +187,11 @@ def locate(
     narrowed to rounding is itself the answer. None where it is no crossing.
     """
     a, b, fa, fb = 0.0, 1.0, left, right
-    guess = arc.near(_next_fraction(a, b, fa, fb, 0))
+    first = _next_fraction(a, b, fa, fb, 0)
+    event = test.locate_on(arc, first, index)
+    if event is not None and event.error <= ACCEPTED_ERROR * arc.scale[-1]:
+        return event
+    guess = arc.near(first)
     event = _locate_by_newton(test, arc, guess, index) if guess is not None else None
     if event is not None:
         return event

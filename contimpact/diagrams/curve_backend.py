@@ -7,19 +7,21 @@ import math
 from collections.abc import Callable
 
 from ..arrays import ARRAYS, LISTS, Array, Containers, Vector
-from ..bifurcations.scalar_systems import (
-    BLOCK,
+from ..bifurcations.event_solver import (
     EVALUATE,
     FUNCTIONS,
-    SystemVectors,
     add_kernels,
-    evaluate_singular,
-    evaluate_touching,
     flights_of,
     is_scalar,
+    vectors_of,
+)
+from ..bifurcations.scalar_systems import (
+    BLOCK,
+    SystemVectors,
+    evaluate_singular,
+    evaluate_touching,
     newton_step,
     solve_bordered,
-    vectors_of,
 )
 from ..continuation.branch import Block
 from ..continuation.step import EVALUATIONS, Batch, Position, batch_of, columns, take_steps

@@ -33,6 +33,7 @@ from ..segments.compiling import (
     note_uncompiled,
     timed_plainly,
 )
+from ..segments.excursion_code import variant_of
 from ..segments.flight import excursion_of, time_zeros
 from ..segments.layout import Setup
 from ..segments.oscillation import MOST, ROW
@@ -279,14 +280,8 @@ class CycleBackend(OrbitBackend[OrbitVectors]):
 
     @functools.cached_property
     def variant(self) -> str | None:
-        """How compiled code finds the zeros of the acceleration; None where it cannot."""
-        kernels, values = self.problem.kernels, self.problem.model.values.values()
-        harmonics = kernels.harmonics(*values)
-        if math.isnan(harmonics[0]):
-            return "law" if kernels.oscillates else None
-        if not kernels.depends("harmonics"):
-            return "fixed"
-        return "single" if len(harmonics) == 4 and harmonics[1] == 1 else None
+        """See `excursion_code.variant_of`."""
+        return variant_of(self.problem.kernels, list(self.problem.model.values.values()))
 
     def written(self) -> Program:
         from .orbit_program import program_of

@@ -11,13 +11,12 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from ..arrays import Table, Vector
-from ..orbits.block_cyclic import POSITIONS, assemble, eliminate, solve, store
+from ..orbits.block_cyclic import POSITIONS, assemble, eliminate, solve
 from ..orbits.multipliers import (
     doubling_by_elimination,
     multipliers_by_elimination,
     product_of_multipliers,
-    row_norms,
-    scale_determinant,
+    tangent_by_elimination,
 )
 from ..orbits.physicality import verdict
 from ..segments.layout import Blocks, Setup
@@ -100,24 +99,8 @@ def tangent_of_cycle(
     Returns the determinant of the Jacobian bordered by the tangent, rows and columns scaled; NaN
     where no tangent is defined.
     """
-    count, span = len(orbit.kinds), orbit.clock[0]
-    reduced = eliminate(orbit.blocks, orbit.arrivals, orbit.kept, 0.0, True, z, span)
-    store(orbit.reduced, 0, reduced)
-    det = solve(reduced, orbit.kept, count, row, 1.0, out)
-    size = 0.0
-    for i in range(2 * count + 1):
-        part = out[i] / scale[i]
-        size += part * part
-    size = math.sqrt(size)
-    if not (abs(det) > 0.0 and size > 0.0 and size - size == 0.0):
-        return math.nan
-    for i in range(2 * count + 1):
-        out[i] /= size
-    time, velocity, free = scale[0], scale[1], scale[2 * count]
-    sizes = count * math.log(time * velocity) + math.log(free)
-    norms = row_norms(orbit.blocks, count, 1.0, time, velocity, free)
-    # the border is row / scale^2; with the tangent itself in its place it is longer by `size`
-    return scale_determinant(reduced[12], reduced[13] + sizes, det * size, norms)
+    cycle = orbit.blocks, orbit.arrivals, orbit.kept, orbit.reduced
+    return tangent_by_elimination(*cycle, z, orbit.clock[0], row, scale, out)
 
 
 def measure(

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Sequence
 
 from ..continuation.step import take_steps
 from ..orbits.block_cyclic import store, store_compiled
 from ..segments.arithmetic import Kernel, kernel_of
 from ..segments.compiled_flow import flow_compiled, space_of
-from ..segments.flight import single_zeros
+from ..segments.excursion_code import add_excursions
 from ..segments.kernels import Kernels
 from ..segments.linear_flow import flow
 from ..segments.machine_code import Program, choice
-from ..segments.oscillation import excursion_by_law, excursions, row_of, row_of_compiled
+from ..segments.oscillation import row_of, row_of_compiled
 from ..segments.oscillations import FollowedFlight
 from ..syntax import parse
 from .chain_functions import (
@@ -89,41 +88,10 @@ def observe(orbit, z, tangent, orientation, row, at):
 """
 
 
-MOTION = """
-def excursion(
-    head, values, length, arriving, left_side, reached_side, zeros, phase, period, steps,
-):
-    return excursions(
-        any_motion, head, values, length, arriving, left_side, reached_side, zeros, phase, period
-    )
-"""
-
-LAW = """
-def excursion(
-    head, values, length, arriving, left_side, reached_side, zeros, phase, period, steps,
-):
-    return excursion_by_law(
-        any_law, head, values, length, arriving, left_side, reached_side, steps, zeros
-    )
-"""
-
-GIVEN = """
-def breaks(values, period, zeros):
-    return zeros
-"""
-
-SINGLE = """
-def breaks(p, period, zeros):
-    mean, order, a, b = kernel_harmonics({p})
-    return zeros[:single_zeros(mean, a, b, period, zeros)]
-"""
-
-
 def program_of(kernels: Kernels, variant: str) -> Program:
     """Return the program that takes steps along a branch of any word of a model.
 
-    `variant` says how the zeros of the acceleration are found: they are "fixed" along the branch,
-    or those of a "single" harmonic that changes along it, or are found on each flight by its "law".
+    `variant` says how the zeros of the acceleration are found; see `excursion_code.variant_of`.
     """
     program = Program({store: store_compiled, row_of: row_of_compiled, flow: flow_compiled})
     count = len(kernels.model.values)
@@ -137,34 +105,12 @@ def program_of(kernels: Kernels, variant: str) -> Program:
     flight = choice("any_flight", "kind, t0, v0, t1, v1, p", "kind", list(flights), ends)
     program.glue(flight, **flights)
     program.constant("OrbitVectors", OrbitVectors)
-    _add_excursions(program, kernels, variant, walls, p)
+    add_excursions(program, kernels, variant, p)
     called = (take_steps, newton_step, tangent_of_cycle, evaluate_cycle, observe_cycle)
     named = {function.__name__: function for function in called}
     fields = ", ".join(OrbitVectors._fields)
     program.glue(ENTRY.format(fields=fields, p=p), kernel_setup=kernels.setup, **named)
     return program
-
-
-def _add_excursions(
-    program: Program, kernels: Kernels, variant: str, walls: Sequence[str], p: str
-) -> None:
-    """Add the functions ``excursion`` and ``breaks``."""
-    if variant == "law":
-        laws = {f"law_{a}": kernels.law(a) for a in walls}
-        given = f"head[1], head[2], {p}"
-        program.glue(choice("any_law", "head, p", "head[0]", list(laws), given), **laws)
-        program.glue(LAW, excursion_by_law=excursion_by_law)
-    else:
-        motions = {f"motion_{a}": kernels.motion(a) for a in walls}
-        given = f"head[1], head[2], dt, {p}"
-        motion = choice("any_motion", "head, dt, p", "head[0]", list(motions), given)
-        program.glue(motion, **motions)
-        program.glue(MOTION, excursions=excursions)
-    if variant == "single":
-        single = SINGLE.format(p=p)
-        program.glue(single, kernel_harmonics=kernels.harmonics, single_zeros=single_zeros)
-    else:
-        program.glue(GIVEN)
 
 
 # The program that takes steps along a branch of any word of a linear machine, for compiling.

@@ -21,8 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import Array, Table, Vector
-from . import block_cyclic
-from .block_cyclic import Reduced, arrival_rate
+from .block_cyclic import Reduced, arrival_rate, eliminate, solve, store
 
 # What the elimination of a cycle tells of it: its multipliers, and determinants by their signs.
 #
@@ -65,6 +64,42 @@ def scale_determinant(sign: float, logarithm: float, det: float, norms: float) -
         return 0.0
     value = math.exp(max(logarithm + math.log(size) - norms, TINIEST))
     return value if sign * det > 0.0 else -value
+
+
+def tangent_by_elimination(
+    blocks: Table,
+    arrivals: Vector,
+    kept: Table,
+    reduced: Table,
+    z: Vector,
+    span: float,
+    row: Vector,
+    scale: Vector,
+    out: Vector,
+) -> float:
+    """Fill `out` with the unit tangent at a point that goes on along `row`.
+
+    Returns the determinant of the Jacobian bordered by the tangent, rows and columns scaled; NaN
+    where no tangent is defined. `kept` and `reduced` are filled as by `block_cyclic.eliminate`.
+    """
+    count = len(arrivals)
+    found = eliminate(blocks, arrivals, kept, 0.0, True, z, span)
+    store(reduced, 0, found)
+    det = solve(found, kept, count, row, 1.0, out)
+    size = 0.0
+    for i in range(2 * count + 1):
+        part = out[i] / scale[i]
+        size += part * part
+    size = math.sqrt(size)
+    if not (abs(det) > 0.0 and size > 0.0 and size - size == 0.0):
+        return math.nan
+    for i in range(2 * count + 1):
+        out[i] /= size
+    time, velocity, free = scale[0], scale[1], scale[2 * count]
+    sizes = count * math.log(time * velocity) + math.log(free)
+    norms = row_norms(blocks, count, 1.0, time, velocity, free)
+    # the border is row / scale^2; with the tangent itself in its place it is longer by `size`
+    return scale_determinant(found[12], found[13] + sizes, det * size, norms)
 
 
 def doubling_by_elimination(reduced: Reduced, blocks: Table, count: int) -> float:
@@ -189,7 +224,7 @@ def stability_of(start: Array, end: Array) -> Stability:
     count, product = len(start), determinant(start, end)
     ends = zip(start.reshape(-1, 4).tolist(), end.reshape(-1, 4).tolist(), strict=True)
     blocks = [(0.0, 0.0, *one, *other, 0.0, 0.0) for one, other in ends]
-    reduced = block_cyclic.eliminate(blocks, [0] * count, [()] * count, 0.0, False, [], 0.0)
+    reduced = eliminate(blocks, [0] * count, [()] * count, 0.0, False, [], 0.0)
     a, b, c, d = multipliers_by_elimination(reduced, product)
     doubling = doubling_by_elimination(reduced, blocks, count)
     return Stability(np.array([complex(a, b), complex(c, d)]), np.array([product]), doubling)

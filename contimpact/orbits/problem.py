@@ -808,7 +808,7 @@ class OrbitProblem:
             speed, along = self._largest_along(unknowns)
             sizes[0] = max(sizes[0], speed)
             sizes[1:] = np.where(sizes[1:] > VANISHING * along, sizes[1:], along)
-        wave = period / self._mean_order(unknowns)
+        wave = period / self.mean_order(self.values(unknowns))
         one = np.concatenate([[wave], np.where(sizes > 0, sizes, 1.0)])
         found = np.empty(self.n + self.free)
         found[: self.n].reshape(-1, self.m)[:] = one * math.sqrt(len(self.word))
@@ -819,13 +819,14 @@ class OrbitProblem:
         """Return sizes of the impacts' unknowns that are at most those of `scale`, for one degree
         of freedom; they take no look along the flights."""
         sizes = np.empty(self.n)
-        sizes[::2] = self.period(unknowns) / self._mean_order(unknowns)
+        sizes[::2] = self.period(unknowns) / self.mean_order(self.values(unknowns))
         sizes[1::2] = np.max(np.abs(unknowns[1 : self.n : 2]))
         return sizes * math.sqrt(len(self.word))
 
-    def _mean_order(self, unknowns: Array) -> float:
-        """The root of the mean square of the harmonics' orders; 1 where they are not known."""
-        waves = self.kernels.harmonics(*self.values(unknowns))[1:]
+    def mean_order(self, values: Sequence[float]) -> float:
+        """Return the root of the mean square of the harmonics' orders; 1 where they are not
+        known."""
+        waves = self.kernels.harmonics(*values)[1:]
         if len(waves) == 3:  # as the sums over one
             weight = waves[1] * waves[1] + waves[2] * waves[2]
             return math.sqrt(waves[0] * waves[0] * weight / weight) if weight > 0.0 else 1.0

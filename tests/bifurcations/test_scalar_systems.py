@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from contimpact import ImpactPair
+from contimpact.bifurcations.event_solver import solver_of
 from contimpact.bifurcations.extended_system import SingularCycle, solve
-from contimpact.bifurcations.scalar_systems import LONGEST, ScalarForm, solver_of
+from contimpact.bifurcations.scalar_systems import LONGEST, ScalarForm
 from contimpact.bifurcations.sliding import SlidingTouch
 from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem

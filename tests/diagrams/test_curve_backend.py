@@ -82,12 +82,12 @@ def test_a_system_is_eliminated_with_pivots():
     matrix = np.random.default_rng(1).normal(size=(7, 7))
     matrix[0, 0] = 0.0
     rows, right = matrix.tolist(), [1.0] * 7
-    sign, logarithm = factor(rows, right)
+    sign, logarithm = factor(rows, right, len(right))
     expected = np.linalg.slogdet(matrix)
     assert sign == expected[0]
     assert logarithm == pytest.approx(expected[1], abs=1e-12)
     singular = [[1.0, 2.0], [0.0, 0.0]]
-    assert factor(singular, [1.0, 1.0])[0] == 0.0
+    assert factor(singular, [1.0, 1.0], 2)[0] == 0.0
 
 
 def test_what_is_left_to_dense_linear_algebra():
