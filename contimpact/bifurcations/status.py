@@ -77,22 +77,22 @@ def explain_changes(
     events, missed = list(walk.events), list(walk.missed)
     turn = walk.points[-1].arclength if walk.end.kind is EndKind.CLOSED else np.inf
     places = places_with_status(walk, settings)
-    changes = [
-        (walk.points[i], walk.points[j], change)
-        for i, j, change in _changes(walk, sought, places)
-        if i > 0 or not switched
-    ]
     if switched and Change.STABILITY in sought and 1 in places:
         for ends in _ends_of_leaving(problem, walk, settings):
-            if _unexplained(events, *ends, asked, turn):
-                found, _ = _bisect_change(problem, *ends, tests, settings, Change.STABILITY)
-                events += [event for event in found if not _is_recorded(event, events)]
-            arc = _arc(problem, *ends, settings)
-            lacking = _unexplained(events, *ends, asked, turn)
-            missed += [_missed_change(kind, arc, Change.STABILITY) for kind in lacking]
-    for left, right, change in changes:
-        if _explains(events, left, right, change, turn):
+            if not _unexplained(events, *ends, asked, turn):
+                continue
+            found, lost = _bisect_change(problem, *ends, tests, settings, Change.STABILITY)
+            events += [event for event in found if not _is_recorded(event, events)]
+            arc, closed_in = _arc(problem, *ends, settings), {event.kind: event for event in lost}
+            missed += [
+                closed_in.get(kind) or _missed_change(kind, arc, Change.STABILITY)
+                for kind in _unexplained(events, *ends, asked, turn)
+            ]
+    lengths = Points(walk.points).arclengths
+    for i, j, change in _changes(walk, sought, places):
+        if (i == 0 and switched) or _explains(events, lengths[i], lengths[j], change, turn):
             continue
+        left, right = walk.points[i], walk.points[j]
         if asked.isdisjoint(_causes(left, right, change)):
             continue
         found, lost = _bisect_change(problem, left, right, tests, settings, change)
@@ -162,7 +162,8 @@ def _unexplained(
 ) -> list[str]:
     """Kinds that were asked for and are lacking: one for each multiplier that passes the unit
     circle between two points without an event."""
-    between = {event.kind for event in events if _lies_between(event, left, right, turn)}
+    ends = left.arclength, right.arclength
+    between = {event.kind for event in events if _lies_between(event, *ends, turn)}
     if any(all(map(kind_of(kind).explains, Change)) for kind in between):
         return []
     causes = [kinds for kinds in _causes_by_multiplier(left, right) if between.isdisjoint(kinds)]
@@ -175,13 +176,9 @@ def _arc(problem: OrbitProblem, left: OrbitPoint, right: OrbitPoint, settings: S
 
 
 def _explains(
-    events: Sequence[OrbitEvent],
-    left: OrbitPoint,
-    right: OrbitPoint,
-    change: Change,
-    turn: float,
+    events: Sequence[OrbitEvent], left: float, right: float, change: Change, turn: float
 ) -> bool:
-    """Whether an event that explains a change lies between two points, or on one of them.
+    """Whether an event that explains a change lies between two places, or on one of them.
 
     `turn` is the length of a closed branch: an event at its start is at its end, too.
     """
@@ -191,12 +188,11 @@ def _explains(
     )
 
 
-def _lies_between(event: OrbitEvent, left: OrbitPoint, right: OrbitPoint, turn: float) -> bool:
-    """Whether an event lies between two points, or on one of them."""
-    slack = 1e-9 * (right.arclength - left.arclength)
+def _lies_between(event: OrbitEvent, left: float, right: float, turn: float) -> bool:
+    """Whether an event lies between two places along a branch, or on one of them."""
+    slack = 1e-9 * (right - left)
     return any(
-        left.arclength - slack <= event.point.arclength + way <= right.arclength + slack
-        for way in (0.0, turn, -turn)
+        left - slack <= event.point.arclength + way <= right + slack for way in (0.0, turn, -turn)
     )
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from contimpact.accuracy.reference import Reference
+from contimpact.bifurcations.fold import Fold
 from contimpact.diagrams.orbit_branch import continue_born, continue_orbit
 from contimpact.errors import InputError
 from contimpact.models.model import Parameter
@@ -209,6 +211,21 @@ def test_a_fold_next_to_a_birth_is_found_whatever_the_first_step(stiffness, low)
     assert inside.any()
     assert not branch["n_unstable"][inside].any()
     assert branch.missed == []
+
+
+@pytest.mark.full
+def test_the_place_of_a_fold_that_is_lost_next_to_a_birth_is_closed_in(monkeypatch):
+    """As the number of unstable multipliers changes there, it can be bisected."""
+    model = soft_stop(omega=1.9, c=0.1, k_b=1e4)
+    (quiet,) = find_orbits(model, "0", parameter="omega")
+    (touch,) = continue_orbit(quiet, "omega", (1.6, 2.0), events=["G"]).events
+    given = touch, model, (1.7, 1.8)
+    (fold,) = [e for e in continue_born(*given, events=["FB", "V"]).events if e.kind == "FB"]
+    monkeypatch.setattr(Fold, "accept", lambda test, event: False)
+    branch = continue_born(*given, events=["FB", "PD", "V"])
+    (missed,) = [missed for missed in branch.missed if missed.startswith("FB between")]
+    ends = map(float, re.findall(r"1\.7[0-9]+", missed)[:2])
+    assert max(abs(end - fold.value) for end in ends) < 2e-7  # the first step leads 2.3e-6 away
 
 
 class StopOfRatio(SoftStop):
