@@ -115,8 +115,8 @@ class Grazing(OrbitTest):
         """Gaps, and where sliding begins, how far from its limits; then, to see where extrema of a
         flight are born, how nearly it turns elsewhere."""
         gaps = orbits.gaps.reshape(len(orbits.gaps), -1)
-        margins = [[one.margin(z) for z in orbits.unknowns] for one in self.beginnings]
-        return np.column_stack([gaps, *margins, orbits.slowest])
+        margins = np.array([[one.margin(z) for one in self.beginnings] for z in orbits.unknowns])
+        return np.concatenate([gaps, margins, orbits.slowest], axis=1)
 
     def guided(self, left: Array, right: Array) -> Array:
         """Flights that turn nowhere at either end of an arc may do so between."""

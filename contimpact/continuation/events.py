@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import bisect
+import functools
+import itertools
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -353,6 +356,11 @@ class _Search:
     missed: list[MissedEvent] = field(default_factory=list)
     cuts: int = 0
 
+    @functools.cached_property
+    def ends(self) -> list[int]:
+        """Where the values of each test function end in the row of all."""
+        return [*itertools.accumulate(self.sizes)]
+
     def on(self, arc: Arc, stretch: Stretch, depth: int) -> None:
         """Cut an arc where more crossings are not excluded, else locate those there are."""
         found, places = self.suspected(stretch)
@@ -409,11 +417,13 @@ class _Search:
 
     def locate_on(self, arc: Arc, stretch: Stretch) -> None:
         """Locate what changes sign between both ends."""
-        values = stretch.left.values, stretch.right.values
-        for test, a, b in zip(self.tests, *values, strict=True):
-            for index in crossings(a[: len(a) - test.guides], b[: len(a) - test.guides]):
-                if max(abs(a[index]), abs(b[index])) > test.noise:
-                    self.locate_one(test, arc, index, float(a[index]), float(b[index]))
+        a, b = stretch.left.flat, stretch.right.flat
+        for place in crossings(a, b):
+            number = bisect.bisect_right(self.ends, place)
+            test, index = self.tests[number], place - self.ends[number] + self.sizes[number]
+            own = index < self.sizes[number] - test.guides
+            if own and max(abs(a[place]), abs(b[place])) > test.noise:
+                self.locate_one(test, arc, index, float(a[place]), float(b[place]))
 
     def locate_one(
         self, test: TestFunction, arc: Arc, index: int, left: float, right: float

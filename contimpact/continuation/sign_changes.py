@@ -52,10 +52,14 @@ class Sample:
 
     arclength: float
     values: list[Array]
+    row: Array | None = None
+    """All values, where they are in a row already."""
 
     @functools.cached_property
     def flat(self) -> Array:
         """All values in a row."""
+        if self.row is not None:
+            return self.row
         return np.concatenate(self.values) if self.values else np.zeros(0)
 
 
@@ -232,7 +236,7 @@ class Samples:
         """Return those at one point, None where there is none."""
         if i >= len(self.arclengths) or np.isnan(self.arclengths[i]):
             return None
-        return Sample(float(self.arclengths[i]), self.split(self.values[i]))
+        return Sample(float(self.arclengths[i]), self.split(self.values[i]), self.values[i])
 
     def stretch(self, i: int, known: Suspects) -> Stretch:
         """Return those around the step to point i of the P."""

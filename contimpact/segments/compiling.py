@@ -80,7 +80,7 @@ def addresses(arrays: Iterable[Any]) -> list[int]:
     """Return where arrays begin, and their sizes, as compiled code takes them."""
     numbers: list[int] = []
     for array in arrays:
-        numbers += [array.ctypes.data, *array.shape]
+        numbers += [array.__array_interface__["data"][0], *array.shape]
     return numbers
 
 
