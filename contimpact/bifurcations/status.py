@@ -241,7 +241,7 @@ def _state_of(change: Change) -> Callable[[OrbitPoint], int]:
 
 def _find(tests: Sequence[TestFunction[Linearisation]], arc: Arc) -> list[OrbitEvent]:
     left, right = (
-        Sample(point.arclength, [test.at(point) for test in tests])
+        Sample.of(point.arclength, [test.at(point) for test in tests])
         for point in (arc.left, arc.right)
     )
     return find_events(tests, arc, Stretch(left, right))[0]

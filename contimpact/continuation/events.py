@@ -322,7 +322,7 @@ def find_events(
     if not stretch.left.flat.size or not stretch.left.arclength < stretch.right.arclength:
         return [], []
     least = UNSURE * float(np.fmax(abs(arc.left.orientation), abs(arc.right.orientation)))
-    search = _Search(list(tests), [len(values) for values in stretch.left.values], least)
+    search = _Search(list(tests), stretch.left.sizes, least)
     search.on(arc, stretch, 0)
     events = search.events
     if search.cuts:
@@ -343,14 +343,14 @@ class _Search:
     Attributes
     ----------
     tests : list of TestFunction
-    sizes : list of int
+    sizes : sequence of int
         How many values each test function has.
     least : float
         The orientation below which a point says nothing: rounding decides on its tangent.
     """
 
     tests: list[TestFunction]
-    sizes: list[int]
+    sizes: Sequence[int]
     least: float
     events: list[Event] = field(default_factory=list)
     missed: list[MissedEvent] = field(default_factory=list)
@@ -405,7 +405,7 @@ class _Search:
         """Search both parts of an arc."""
         self.cuts += 1
         known = len(self.events)
-        between = Sample(middle.arclength, [test.at(middle) for test in self.tests])
+        between = Sample.of(middle.arclength, [test.at(middle) for test in self.tests])
         for part, side in zip(arc.halves(middle), stretch.cut(between), strict=True):
             self.on(part, side, depth)
         found = {(event.kind, event.details.get("index")) for event in self.events[known:]}

@@ -11,7 +11,6 @@ parabolas through a, b, c and b, c, d, and from how far these two disagree::
 
 from __future__ import annotations
 
-import functools
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -46,21 +45,31 @@ Suspects: TypeAlias = tuple[Array, Array]
 """Findings, and where to look, as `suspect_values` returns them."""
 
 
+def split_row(values: Array, sizes: Sequence[int]) -> list[Array]:
+    """Return a row of values by test function."""
+    ends = itertools.accumulate(sizes)
+    return [values[end - size : end] for size, end in zip(sizes, ends, strict=True)]
+
+
 @dataclass(frozen=True, eq=False)
 class Sample:
     """The test functions at a point of the branch: where along it, and their values."""
 
     arclength: float
-    values: list[Array]
-    row: Array | None = None
-    """All values, where they are in a row already."""
+    flat: Array
+    """All values in a row."""
+    sizes: Sequence[int]
+    """How many each of them has."""
 
-    @functools.cached_property
-    def flat(self) -> Array:
-        """All values in a row."""
-        if self.row is not None:
-            return self.row
-        return np.concatenate(self.values) if self.values else np.zeros(0)
+    @classmethod
+    def of(cls, arclength: float, values: Sequence[Array]) -> Sample:
+        """Return the sample of the values of each test function."""
+        return cls(arclength, np.concatenate([*values, np.zeros(0)]), [len(v) for v in values])
+
+    @property
+    def values(self) -> list[Array]:
+        """The values by test function."""
+        return split_row(self.flat, self.sizes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,9 +214,9 @@ class Samples:
     @classmethod
     def of(cls, arclength: float, values: Sequence[Array]) -> Samples:
         """Return those at one point, with none before."""
-        here = np.concatenate([*values, np.zeros(0)])
-        none = np.full(len(here), np.nan)
-        return cls(np.array([np.nan, arclength]), np.array([none, here]), [len(v) for v in values])
+        here = Sample.of(arclength, values)
+        none = np.full(len(here.flat), np.nan)
+        return cls(np.array([np.nan, arclength]), np.array([none, here.flat]), here.sizes)
 
     def then(self, arclengths: Array, values: Array) -> Samples:
         """Return those at the last two points and further ones."""
@@ -229,14 +238,13 @@ class Samples:
 
     def split(self, values: Array) -> list[Array]:
         """Return a row of values by test function."""
-        ends = itertools.accumulate(self.sizes)
-        return [values[end - size : end] for size, end in zip(self.sizes, ends, strict=True)]
+        return split_row(values, self.sizes)
 
     def at(self, i: int) -> Sample | None:
         """Return those at one point, None where there is none."""
         if i >= len(self.arclengths) or np.isnan(self.arclengths[i]):
             return None
-        return Sample(float(self.arclengths[i]), self.split(self.values[i]), self.values[i])
+        return Sample(float(self.arclengths[i]), self.values[i], self.sizes)
 
     def stretch(self, i: int, known: Suspects) -> Stretch:
         """Return those around the step to point i of the P."""
@@ -248,6 +256,11 @@ class Samples:
     def noteworthy(self) -> dict[int, Suspects]:
         """Return before which of the P points events lie or may lie unseen."""
         return noteworthy_points(self.values, self.arclengths)
+
+
+FEW = 1000
+"""Values fewer than this are all looked at closely; of more, those that surely stay on their side
+of zero are set aside first."""
 
 
 def noteworthy_points(values: Array, arclengths: Array) -> dict[int, Suspects]:
@@ -262,6 +275,14 @@ def noteworthy_points(values: Array, arclengths: Array) -> dict[int, Suspects]:
     if not values.shape[1]:
         return {}
     lengths = np.diff(arclengths)
+    if values.size < FEW:
+        after = np.vstack([values[3:], np.full((1, values.shape[1]), np.nan)])
+        beyond = np.append(lengths[2:], 1.0)
+        four = values[:-2], values[1:-1], values[2:], after
+        widths = lengths[:-1, None], lengths[1:, None], beyond[:, None]
+        found, places = suspect_values(*four, *widths)
+        marked = np.any(crosses(four[1], four[2]) | (found > 0), axis=1)
+        return {row: (found[row], places[row]) for row in np.flatnonzero(marked).tolist()}
     with np.errstate(all="ignore"):
         rates = np.abs(np.diff(values, axis=0)) / lengths[:, None]
         sizes = np.abs(values[1:])

@@ -88,7 +88,7 @@ def arc_of(curve, left, right):
 def events_on(arc, *tests):
     left = [test.values(arc.left) for test in tests]
     right = [test.values(arc.right) for test in tests]
-    ends = (Sample(p.arclength, v) for p, v in ((arc.left, left), (arc.right, right)))
+    ends = (Sample.of(p.arclength, v) for p, v in ((arc.left, left), (arc.right, right)))
     return find_events(list(tests), arc, Stretch(*ends))
 
 
@@ -445,7 +445,7 @@ def test_newton_may_land_exactly_on_an_end(target, left):
     test = Passage(target)
     arc = step_of_line()
     values = [-1.0, 1.0] if not left else [1.0, -1.0]
-    left, right = (Sample(s, [np.array([v])]) for s, v in zip((0.0, 1.0), values, strict=True))
+    left, right = (Sample.of(s, [np.array([v])]) for s, v in zip((0.0, 1.0), values, strict=True))
     events, missed = find_events([test], arc, Stretch(left, right))
     assert [event.parameter for event in events] == [target]
     assert missed == []
@@ -515,7 +515,7 @@ def test_a_dip_between_two_parabolas_that_agree_is_suspected():
 
 def velocities(*values: tuple[float, float]) -> list[Sample]:
     """Velocities at an arc's ends and beside it, by their arclengths."""
-    return [Sample(at, [np.array([value])]) for at, value in values]
+    return [Sample.of(at, [np.array([value])]) for at, value in values]
 
 
 @pytest.mark.parametrize(
