@@ -512,6 +512,15 @@ class Position:
         )
 
 
+    def refill(self, vectors: StepVectors) -> None:
+        """Make arrays anew what `vectors` made of them, for as many points."""
+        vectors.options[:], vectors.state[:] = self.options(), self.state()
+        vectors.scale[:], vectors.chord[:] = self.scale, self.chord()
+        vectors.z[:], vectors.tangent[:] = self.here.unknowns, self.here.tangent
+        vectors.work.fill(0.0)
+        vectors.rows.fill(0.0)
+
+
 @dataclass(frozen=True, eq=False)
 class Proposal:
     """A step for the walker to judge."""

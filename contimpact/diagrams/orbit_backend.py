@@ -18,6 +18,7 @@ from ..continuation.step import (
     Batch,
     Observe,
     Position,
+    StepVectors,
     TangentAt,
     batch_of,
     columns,
@@ -62,6 +63,9 @@ V = TypeVar("V", "OrbitVectors", "ChainVectors")
 Functions: TypeAlias = tuple[Evaluate[V], Solve[V], TangentAt[V], Observe[V]]
 """Functions of a problem that `take_steps` calls: evaluate, solve, tangent_at and observe."""
 
+KEPT_STEPS = 64
+"""Arrays of more steps than this are not kept for further ones."""
+
 TOO_STIFF = "flights whose equations are not linear, or too stiff"
 
 
@@ -86,6 +90,7 @@ class OrbitBackend(ABC, Generic[V]):
         self.setup = problem.kernels.setup(*problem.model.values.values())
         self.count, self.walls = len(problem.word), len(problem.model.WALLS)
         self.derived = len(problem.model.DERIVED)
+        self.kept: dict[int, tuple[StepVectors, list[int]]] = {}
 
     @functools.cached_property
     @abstractmethod
@@ -173,15 +178,28 @@ class OrbitBackend(ABC, Generic[V]):
 
     def steps(self, position: Position, most: int, fast: CompiledProgram | None) -> Batch:
         """Take them by compiled code, or plainly."""
-        vectors = position.vectors(self.recorded, most, ARRAYS if fast else LISTS)
         if fast:
-            made = fast(*vectors, known=self.addresses)
+            vectors, known = self.step_arrays(position, most)
+            made = fast(known=known)
         else:
+            vectors = position.vectors(self.recorded, most, LISTS)
             with timed_plainly(self.program):
                 made = take_steps(*self.functions, self.lists, tuple(vectors))
         flights = int(vectors.state[EVALUATIONS]) * self.count
         self.problem.kernel_evaluations += flights
         return batch_of(position, self.problem, vectors, made, self.block)
+
+    def step_arrays(self, position: Position, most: int) -> tuple[StepVectors, list[int]]:
+        """The arrays of so many steps, filled in, and all addresses that compiled code takes."""
+        found = self.kept.get(most)
+        if found is not None:
+            position.refill(found[0])
+            return found
+        vectors = position.vectors(self.recorded, most, ARRAYS)
+        found = vectors, [*self.addresses, *addresses(vectors)]
+        if most <= KEPT_STEPS:
+            self.kept[most] = found
+        return found
 
     @property
     def recorded(self) -> int:

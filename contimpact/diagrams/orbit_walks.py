@@ -196,7 +196,8 @@ def backend_of(
     needs = {need for test in tests if isinstance(test, OrbitTest) for need in test.needs}
     wanted = gaps or "gaps" in needs, "doubling" in needs
     if problem.m == 2:
-        backend = CycleBackend(problem, *wanted)
+        backend = problem.solvers.get(f"steps{wanted}") or CycleBackend(problem, *wanted)
+        problem.solvers[f"steps{wanted}"] = backend
         if not any(problem.kernels.flown(*kind) for kind in problem.kinds):
             return backend
 
