@@ -12,13 +12,14 @@ parabolas through a, b, c and b, c, d, and from how far these two disagree::
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
 
-from ..arrays import Array, Number
+from ..arrays import Array, Table, Vector
 
 MARGIN = 0.5
 """Added to the bend of a function, as part of it."""
@@ -141,7 +142,7 @@ def crossings(left: Array, right: Array) -> list[int]:
 
 
 def suspect_values(
-    a: Array, b: Array, c: Array, d: Array, behind: Number, ahead: Number, beyond: Number
+    a: Array, b: Array, c: Array, d: Array, behind: float, ahead: float, beyond: float
 ) -> Suspects:
     """Return which values may change sign unseen between b and c, and where to look.
 
@@ -149,7 +150,7 @@ def suspect_values(
     ----------
     a, b, c, d : ndarray of shape (q,)
         Values at four points in order; `a` and `d` are not numbers where there is no such point.
-    behind, ahead, beyond : float or ndarray of shape (q,)
+    behind, ahead, beyond : float
         Arclength from a to b, b to c and c to d.
 
     Returns
@@ -159,45 +160,123 @@ def suspect_values(
     places : ndarray of shape (q,)
         Where between b and c, from 0 to 1.
     """
-    with np.errstate(all="ignore"):
-        rate = (c - b) / ahead
-        before = (rate - (b - a) / behind) / (ahead + behind)
-        after = ((d - c) / beyond - rate) / (beyond + ahead)
-        here, there = ~np.isnan(b), ~np.isnan(c)
-        passed = crosses(b, c)
-        side = np.where(b >= 0.0, 1.0, -1.0)
-        # side * value >= |b| + climb x - bend x (1 - x) for x from 0 to 1
-        one = np.where(passed, np.abs(before), side * before)
-        other = np.where(passed, np.abs(after), side * after)
-        bend = ahead**2 * _largest_bend(one, other, np.abs(after - before))
-        climb = side * (c - b)
-        place = 0.5 - climb / (2.0 * bend)
-        lowest = np.abs(b) + climb * place - bend * place * (1.0 - place)
-        turns = (bend > np.abs(climb)) | np.isnan(bend)
-        dips = turns & (passed | ~(lowest >= 0.0))
-    found = np.where(here & there & dips, np.where(passed, THRICE, DIPS), 0)
-    if np.any(here != there):
-        with np.errstate(all="ignore"):
-            vanishes = here & ~there & _may_pass(b, a, ahead / behind)
-            appears = there & ~here & _may_pass(c, d, ahead / beyond)
-        found[vanishes | appears] = ENDS
-    aimed = (found == DIPS) & ~np.isnan(place)
-    places = np.where(aimed, np.clip(place, OFF_THE_ENDS, 1.0 - OFF_THE_ENDS), MIDDLE)
-    return found, places
+    lengths = float(behind), float(ahead), float(beyond)
+    told = [
+        suspect(*four, *lengths) for four in zip(*(v.tolist() for v in (a, b, c, d)), strict=True)
+    ]
+    return np.array([what for what, _ in told], dtype=int), np.array([place for _, place in told])
 
 
-def _largest_bend(before: Array, after: Array, apart: Array) -> Array:
-    """Bound the bend of functions between two points from those on either side."""
-    both = np.maximum(before, after) + apart
-    both += MARGIN * np.maximum(np.abs(before), np.abs(after))
-    alone = ALONE * np.where(np.isnan(before), after, before)
-    return np.where(np.isnan(both), alone, both)
+# The same of one value, and of many points: in the plain subset of Python that
+# `contimpact.compiling` compiles.
 
 
-def _may_pass(last: Array, earlier: Array, ratio: Number) -> Array:
+def suspect(
+    a: float, b: float, c: float, d: float, behind: float, ahead: float, beyond: float
+) -> tuple[int, float]:
+    """Return what is suspected of one value, and where; see `suspect_values`."""
+    if b != b or c != c:
+        vanishes = c != c and b == b and may_pass(b, a, ratio(ahead, behind))
+        appears = b != b and c == c and may_pass(c, d, ratio(ahead, beyond))
+        return (ENDS if vanishes or appears else 0), MIDDLE
+    passed = (b >= 0.0) != (c >= 0.0)
+    rate = ratio(c - b, ahead)
+    before = ratio(rate - ratio(b - a, behind), ahead + behind)
+    after = ratio(ratio(d - c, beyond) - rate, beyond + ahead)
+    side = 1.0 if b >= 0.0 else -1.0
+    # side * value >= |b| + climb x - bend x (1 - x) for x from 0 to 1
+    one = abs(before) if passed else side * before
+    other = abs(after) if passed else side * after
+    bend = ahead * ahead * largest_bend(one, other, abs(after - before))
+    climb = side * (c - b)
+    if bend <= abs(climb):
+        return 0, MIDDLE
+    if passed:
+        return THRICE, MIDDLE
+    place = 0.5 - ratio(climb, 2.0 * bend)
+    if abs(b) + climb * place - bend * place * (1.0 - place) >= 0.0:
+        return 0, MIDDLE
+    if place != place:
+        return DIPS, MIDDLE
+    return DIPS, min(max(place, OFF_THE_ENDS), 1.0 - OFF_THE_ENDS)
+
+
+def ratio(x: float, y: float) -> float:
+    """Return x / y, infinite or not a number where y is zero."""
+    if y != 0.0:
+        return x / y
+    return x * math.inf if y == y else math.nan
+
+
+def largest_bend(before: float, after: float, apart: float) -> float:
+    """Bound the bend of a function between two points from those on either side."""
+    both = max(before, after) + apart + MARGIN * max(abs(before), abs(after))
+    if before == before and after == after and both == both:
+        return both
+    return ALONE * (before if before == before else after)
+
+
+def may_pass(last: float, earlier: float, times: float) -> bool:
     """Whether a value that ends after `last` may pass zero before: twice its rate would do."""
-    reached = last + 2.0 * ratio * (last - earlier)
-    return np.isnan(reached) | ((reached >= 0.0) != (last >= 0.0))
+    reached = last + 2.0 * times * (last - earlier)
+    return reached != reached or (reached >= 0.0) != (last >= 0.0)
+
+
+def look_through(
+    values: Table, arclengths: Vector, rows: Vector, found: Table, places: Table
+) -> int:
+    """Fill in before which points, from the third one on, events lie or may lie unseen, and what is
+    suspected of each value there; returns how many they are.
+
+    Parameters
+    ----------
+    values : table
+        Test functions, a row for each point.
+    arclengths : vector
+        Of the points; not a number where there is none.
+    rows : vector
+        Filled with the points, counted from the third one on.
+    found, places : table
+        Filled as by `suspect_values`, a row for each of them.
+    """
+    made, points = 0, len(values)
+    for i in range(1, points - 1):
+        behind, ahead = arclengths[i] - arclengths[i - 1], arclengths[i + 1] - arclengths[i]
+        last = i + 2 == points
+        beyond = 1.0 if last else arclengths[i + 2] - arclengths[i + 1]
+        marked = False
+        earlier, left, right = values[i - 1], values[i], values[i + 1]
+        later = right if last else values[i + 2]
+        for j in range(len(left)):
+            a, b, c, d = earlier[j], left[j], right[j], later[j]
+            near = 0.0  # less than half the smaller size: no bend by such rates leads to zero
+            if b > 0.0 and c > 0.0 and ahead > 0.0:
+                near = 0.5 * (b if b < c else c)
+            elif b < 0.0 and c < 0.0 and ahead > 0.0:
+                near = -0.5 * (b if b > c else c)
+            quiet = -near < c - b < near and -near * behind < (b - a) * ahead < near * behind
+            if quiet and (last or -near * beyond < (d - c) * ahead < near * beyond):
+                found[made][j], places[made][j] = 0, MIDDLE
+                continue
+            what, place = suspect(a, b, c, math.nan if last else d, behind, ahead, beyond)
+            found[made][j], places[made][j] = what, place
+            marked = marked or what > 0 or (b == b and c == c and (b >= 0.0) != (c >= 0.0))
+        if marked:
+            rows[made] = i - 1
+            made += 1
+    return made
+
+
+Look: TypeAlias = Callable[[Array, Array], "tuple[Array, Array, Array]"]
+"""``look(values, arclengths)``: what `look_through` fills in."""
+
+
+def look_plainly(values: Array, arclengths: Array) -> tuple[Array, Array, Array]:
+    """Return what `look_through` fills in."""
+    points, count = values.shape
+    rows, found, places = [0] * points, *([[0.0] * count for _ in range(points)] for _ in range(2))
+    made = look_through(values.tolist(), arclengths.tolist(), rows, found, places)
+    return np.array(rows[:made], dtype=int), np.array(found[:made]), np.array(places[:made])
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,59 +332,11 @@ class Samples:
         assert right is not None
         return Stretch(left, right, self.at(i), self.at(i + 3), known)
 
-    def noteworthy(self) -> dict[int, Suspects]:
-        """Return before which of the P points events lie or may lie unseen."""
-        return noteworthy_points(self.values, self.arclengths)
-
-
-FEW = 1000
-"""Values fewer than this are all looked at closely; of more, those that surely stay on their side
-of zero are set aside first."""
-
-
-def noteworthy_points(values: Array, arclengths: Array) -> dict[int, Suspects]:
-    """Return before which points, from the third one on, events lie or may lie unseen, in order,
-    and what is suspected there.
-
-    Parameters
-    ----------
-    values : ndarray of shape (P + 2, q)
-        Test functions.
-    """
-    if not values.shape[1]:
-        return {}
-    lengths = np.diff(arclengths)
-    if values.size < FEW:
-        after = np.vstack([values[3:], np.full((1, values.shape[1]), np.nan)])
-        beyond = np.append(lengths[2:], 1.0)
-        four = values[:-2], values[1:-1], values[2:], after
-        widths = lengths[:-1, None], lengths[1:, None], beyond[:, None]
-        found, places = suspect_values(*four, *widths)
-        marked = np.any(crosses(four[1], four[2]) | (found > 0), axis=1)
-        return {row: (found[row], places[row]) for row in np.flatnonzero(marked).tolist()}
-    with np.errstate(all="ignore"):
-        rates = np.abs(np.diff(values, axis=0)) / lengths[:, None]
-        sizes = np.abs(values[1:])
-        far = 0.5 * np.minimum(sizes[:-1], sizes[1:]) / lengths[1:, None]
-        # that a parabola needs one of the points before and after is seen from their rates
-        quiet = (rates[1:] < far) & ~(rates[:-1] >= far)
-        known = rates[:-1] >= 0.0
-        quiet[:-1] &= ~(rates[2:] >= far[:-1])
-        known[:-1] |= rates[2:] >= 0.0
-        quiet &= known
-    nothing = np.isnan(values[1:-1]) & np.isnan(values[2:])
-    rows, columns = np.nonzero(~(quiet | nothing))
-    if not len(rows):
-        return {}
-    a, b, c = (values[rows + i, columns] for i in range(3))
-    after = np.vstack([values, np.full((1, values.shape[1]), np.nan)])
-    beyond = np.append(lengths, 1.0)
-    given = a, b, c, after[rows + 3, columns], lengths[rows], lengths[rows + 1], beyond[rows + 2]
-    found, places = suspect_values(*given)
-    noted = {}
-    for row in np.unique(rows[crosses(b, c) | (found > 0)]).tolist():
-        whole = np.zeros(values.shape[1], dtype=found.dtype), np.full(values.shape[1], MIDDLE)
-        here = rows == row
-        whole[0][columns[here]], whole[1][columns[here]] = found[here], places[here]
-        noted[row] = whole
-    return noted
+    def noteworthy(self, look: Look = look_plainly) -> dict[int, Suspects]:
+        """Return before which of the P points events lie or may lie unseen, in order, and what is
+        suspected there."""
+        if not self.values.shape[1]:
+            return {}
+        rows, found, places = look(self.values, self.arclengths)
+        told = zip(found.astype(int), places, strict=True)
+        return dict(zip(rows.tolist(), told, strict=True))

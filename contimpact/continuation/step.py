@@ -22,6 +22,7 @@ from .corrector import CONVERGED, D, DenseSystem, Evaluate, Solve, cubic, failur
 from .ends import Refusal, RefusalDetails
 from .problem import Problem, angle, distance
 from .settings import Settings
+from .sign_changes import look_plainly
 
 # Step control: how well a step resolves the branch, and how long the next one is.
 #
@@ -511,7 +512,6 @@ class Position:
             rows=table(most, 2 * n + HEAD + recorded),
         )
 
-
     def refill(self, vectors: StepVectors) -> None:
         """Make arrays anew what `vectors` made of them, for as many points."""
         vectors.options[:], vectors.state[:] = self.options(), self.state()
@@ -563,6 +563,10 @@ class Backend(Protocol):
 
     def advance(self, position: Position, most: int) -> Batch:
         """Take steps until one is proposed or refused, but `most` of them, or fewer."""
+
+    def look(self, values: Array, arclengths: Array) -> tuple[Array, Array, Array]:
+        """Look for sign changes, as `contimpact.continuation.sign_changes.look_plainly`."""
+        return look_plainly(values, arclengths)
 
 
 def batch_of(
@@ -621,7 +625,7 @@ def refusal(
 # The backend for any problem: dense linear algebra, one step at a time.
 
 
-class DenseBackend:
+class DenseBackend(Backend):
     """A problem as steps ask for it, with test functions asked of its points."""
 
     def __init__(self, problem: Problem) -> None:

@@ -604,7 +604,7 @@ class _Walker:
         """
         new = Points([piece])
         seen = self.tested(piece, new, ending)
-        marked = seen.noteworthy()
+        marked = seen.noteworthy(self.backend.look)
         done = 0
         for i in range(len(new)) if self.watched else marked:
             self.points.extend(piece, done, i)

@@ -24,7 +24,7 @@ from ..bifurcations.scalar_systems import (
     solve_bordered,
 )
 from ..continuation.branch import Block
-from ..continuation.step import EVALUATIONS, Batch, Position, batch_of, columns, take_steps
+from ..continuation.step import EVALUATIONS, Backend, Batch, Position, batch_of, columns, take_steps
 from ..orbits.problem import Linearisation
 from ..segments.compiling import CompiledProgram, load, mode, timed_plainly
 from ..segments.kernels import Kernels
@@ -128,7 +128,7 @@ ARGUMENTS = "ii" + "ffff" + "FFF" + "ffffff" + "FF"
 """Kinds of the entry's arguments: those of `SystemVectors`, then those of `StepVectors`."""
 
 
-class CurveBackend:
+class CurveBackend(Backend):
     """A curve's problem as steps ask for it; use `backend_of`.
 
     Parameters

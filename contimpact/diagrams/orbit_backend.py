@@ -13,6 +13,7 @@ from ..arrays import ARRAYS, LISTS, Array, Containers, Vector
 from ..bifurcations.extended_system import ManyOrbits
 from ..continuation.branch import Block
 from ..continuation.corrector import Evaluate, Solve
+from ..continuation.sign_changes import look_plainly, look_through
 from ..continuation.step import (
     EVALUATIONS,
     Batch,
@@ -67,6 +68,23 @@ KEPT_STEPS = 64
 """Arrays of more steps than this are not kept for further ones."""
 
 TOO_STIFF = "flights whose equations are not linear, or too stiff"
+
+
+LOOKING, LOOKS_AT = ("sign changes",), "FfiFF"
+"""The program that looks for sign changes, the same for all models, and its arguments' kinds."""
+
+
+def looking_program() -> Program:
+    """Return `look_through` as a program."""
+    from ..segments.machine_code import Program
+
+    program = Program({})
+    text = """
+def entry(values, arclengths, rows, found, places):
+    return look_through(values, arclengths, rows, found, places)
+"""
+    program.glue(text, look_through=look_through)
+    return program
 
 
 class OrbitBackend(ABC, Generic[V]):
@@ -175,6 +193,18 @@ class OrbitBackend(ABC, Generic[V]):
         logging.getLogger(__name__).info("flights too stiff for compiled code: going on plainly")
         self.variant, self.obstacle = None, TOO_STIFF
         return self.steps(position, most, None)
+
+    def look(self, values: Array, arclengths: Array) -> tuple[Array, Array, Array]:
+        """Look for sign changes between points, by compiled code or plainly."""
+        fast = self.compiled() and load(LOOKING, LOOKS_AT, looking_program)
+        if not fast:
+            with timed_plainly(LOOKING):
+                return look_plainly(values, arclengths)
+        points, count = values.shape
+        rows = np.zeros(points, dtype=np.int64)
+        found, places = np.zeros((2, points, count))
+        made = fast(values, arclengths, rows, found, places)
+        return rows[:made], found[:made], places[:made]
 
     def steps(self, position: Position, most: int, fast: CompiledProgram | None) -> Batch:
         """Take them by compiled code, or plainly."""

@@ -109,7 +109,7 @@ class PhysicalityEnd:
 # Walks on which flights that are integrated may become too long to be computed as a whole.
 
 
-class SwitchingBackend:
+class SwitchingBackend(Backend):
     """A backend of whole flights until one of them is long, and dense linear algebra from there.
 
     Parameters

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import math
 
 import numpy as np
@@ -18,6 +19,9 @@ from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
 
+needs_llvmlite = pytest.mark.skipif(
+    importlib.util.find_spec("llvmlite") is None, reason="the extra 'fast' is not installed"
+)
 EVENTS = ("FB", "BP", "PD", "NS", "G", "V", "T")
 
 
@@ -169,3 +173,22 @@ def test_the_first_tangent_of_a_long_word_takes_no_dense_matrix(pair, monkeypatc
         tangent = found.points[0].tangent
         assert np.sign(tangent[-1]) == direction
         assert tangent == pytest.approx(np.sign(expected[-1]) * direction * expected, abs=1e-11)
+
+
+@needs_llvmlite
+@pytest.mark.full
+def test_sign_changes_are_looked_for_alike_plainly_and_compiled(plain_and_compiled, pair):
+    """Also of values that do not exist, are infinite or zero, and of points at one place."""
+    orbit = find_orbits(pair(s=0.34), "BT", parameter="s")[0]
+    backend, random = backend_of(orbit.problem, ()), np.random.default_rng(7)
+    given = []
+    for trial in range(300):
+        values = random.normal(size=(9, 6)).cumsum(axis=0) + random.normal(0.0, 2.0, 6)
+        values[random.uniform(size=values.shape) < 0.1] = (0.0, np.nan, np.inf)[trial % 3]
+        places = np.cumsum(random.uniform(0.1, 1.0, 9))
+        places[:2] = np.nan if trial % 2 else places[1]
+        given.append((values, places))
+    plain, fast = plain_and_compiled(lambda: [backend.look(*one) for one in given])
+    assert sum(len(rows) for rows, _, _ in plain) > 300
+    for one, other in zip(plain, fast, strict=True):
+        assert all(map(np.array_equal, one, other))
