@@ -189,6 +189,17 @@ def describe_point(system: SystemVectors, z: Vector, arc: ArcVectors) -> None:
     found[at], found[at + 1], found[at + 2], found[at + 3] = one, other, two, last
 
 
+def guess_orbit(
+    flight: Callable[..., Blocks],
+    setup: Callable[[Vector], Setup],
+    system: SystemVectors,
+    z: Vector,
+) -> bool:
+    """Evaluate the orbit alone, where a system has no unknowns of its own."""
+    evaluate_orbit(flight, setup, system, z)
+    return True
+
+
 # F = 0, C(mu) q = 0: the eigenvector is guessed from the orbit's own matrix.
 
 

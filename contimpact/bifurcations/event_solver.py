@@ -33,6 +33,7 @@ from .arc_location import (
     ArcVectors,
     check_touch,
     guess_eigenvector,
+    guess_orbit,
     guess_touch,
     locate_on_arc,
     turn_of_flight,
@@ -52,8 +53,10 @@ from .scalar_systems import (
     ScalarForm,
     Search,
     SystemVectors,
+    bound_reached,
     bound_singular,
     bound_touching,
+    evaluate_reached,
     evaluate_singular,
     evaluate_touching,
     solve_system,
@@ -110,6 +113,13 @@ def guess(system, arc, z):
 def check(system, arc, z):
     return check_touch(turn, system, arc, z)
 """,
+    "reached": """
+def guess(system, arc, z):
+    return guess_orbit(any_flight, any_setup, system, z)
+
+def check(system, arc, z):
+    return True
+""",
     "": """
 def guess(system, arc, z):
     return False
@@ -128,6 +138,10 @@ def evaluate(system, z):
     "touching": """
 def evaluate(system, z):
     return evaluate_touching(any_flight, any_setup, system, z)
+""",
+    "reached": """
+def evaluate(system, z):
+    return evaluate_reached(any_flight, any_setup, system, z)
 """,
 }
 
@@ -180,6 +194,8 @@ def program_of(kernels: Kernels, variant: str, turns: str | None) -> Program:
     guessed = variant
     if variant == "singular":
         named["guess_eigenvector"] = guess_eigenvector
+    elif variant == "reached":
+        named["guess_orbit"] = guess_orbit
     elif turns is None:
         guessed = ""
     else:
@@ -207,6 +223,7 @@ def program_of(kernels: Kernels, variant: str, turns: str | None) -> Program:
 FUNCTIONS: dict[str, tuple[Callable[..., float], Callable[..., None]]] = {
     "singular": (evaluate_singular, bound_singular),
     "touching": (evaluate_touching, bound_touching),
+    "reached": (evaluate_reached, bound_reached),
 }
 
 ARGUMENTS = "ii" + "ffff" + "FFF" + "ffffffff" + "fFifff" + "FFFFF" + "fff"
@@ -272,11 +289,11 @@ class Solver:
 
     def __init__(self, problem: OrbitProblem, variant: str) -> None:
         self.problem, self.variant = problem, variant
-        self.own = problem.n if variant == "singular" else 1
+        self.own = {"singular": problem.n, "touching": 1, "reached": 0}[variant]
         kernels, values = problem.kernels, list(problem.model.values.values())
         self.turns = variant_of(kernels, values) if variant == "touching" else None
         apart = self.turns is not None and flights_are_apart(kernels, problem.word.walls)
-        self.locates = not problem.lost and (variant == "singular" or apart)
+        self.locates = not problem.lost and (variant != "touching" or apart)
 
     @functools.cached_property
     def functions(self) -> tuple[Callable[..., Any], ...]:
@@ -323,6 +340,10 @@ class Solver:
 
         if self.variant == "singular":
             return evaluated, bounds, eigenvector, lambda system, arc, z: True
+        if self.variant == "reached":
+            orbit = functools.partial(guess_orbit, flight, setup)
+            given = evaluated, bounds, lambda system, arc, z: orbit(system, z)
+            return *given, lambda system, arc, z: True
         moving, along = self.turns == "single", excursion_of(kernels, self.turns != "law")
 
         def breaks(values: Vector, period: float, zeros: Vector) -> Vector:
@@ -466,7 +487,7 @@ class Solver:
     def flights(self) -> int:
         """Flights evaluated at a point, those of second derivatives among them."""
         count = len(self.problem.word)
-        return 2 * count if self.variant == "singular" else count + 1
+        return {"singular": 2 * count, "touching": count + 1, "reached": count}[self.variant]
 
     def solved(self, known: bool, vectors: SystemVectors, search: Search) -> Solved:
         """What is in the vectors."""

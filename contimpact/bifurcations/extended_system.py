@@ -545,6 +545,18 @@ class ScalarTest(OrbitTest):
     def gradient(self, problem: OrbitProblem, z: Array, index: int) -> Array:
         """Return the gradient of one of the values, shape (n + 1,)."""
 
+    def form(self, problem: OrbitProblem, index: int) -> ScalarForm | None:
+        """Return what tells the equations of a value from others, where they are scalar code."""
+        return None
+
+    def locate_on(self, arc: Between, fraction: float, index: int) -> OrbitEvent | None:
+        problem = arc.left.evaluation.problem
+        form = self.form(problem, index)
+        if form is None:
+            return None
+        details = {"index": index, **self.described(problem, index)}
+        return event_on(self.kind, form, arc, fraction, lambda _: details)
+
     def locate(
         self, problem: Problem[Linearisation], guess: OrbitPoint, index: int
     ) -> Location | None:

@@ -37,10 +37,12 @@ class ScalarForm(NamedTuple):
     """What tells a system from others of its variant; see `event_solver.Solver`."""
 
     variant: str
-    """"singular" for F = 0 and C(mu) q = 0, "touching" for F = 0 and a flight to a touch."""
+    """"singular" for F = 0 and C(mu) q = 0, "touching" for F = 0 and a flight to a touch, "reached"
+    for F = 0 and a velocity or duration of zero."""
     flight: int = 0
     touch: int = 0
-    """`flight`, `touch`: of a touch, the flight and its kind."""
+    """`flight`, `touch`: of a touch, the flight and its kind; of what vanishes, the flight, and
+    whether it is its first velocity (0) or its duration."""
     mu: float = 0.0
 
 
@@ -207,6 +209,27 @@ def evaluate_touching(
     return largest(system.residual)
 
 
+def evaluate_reached(
+    flight: Callable[..., Blocks],
+    setup: Callable[[Vector], Setup],
+    system: SystemVectors,
+    z: Vector,
+) -> float:
+    """Evaluate F = 0 and a velocity, or the duration of a flight, which is to vanish."""
+    n, last, i = 2 * len(system.kinds), len(z) - 1, 2 * system.counts[FLIGHT]
+    span, drift, other = evaluate_orbit(flight, setup, system, z)
+    row = system.jacobian[n]
+    if system.counts[TOUCH] == 0:
+        row[i + 1], system.residual[n] = 1.0, z[i + 1]
+    elif i + 2 < n:
+        row[i], row[i + 2], system.residual[n] = -1.0, 1.0, z[i + 2] - z[i]
+    else:
+        row[0] += 1.0
+        row[i] -= 1.0
+        row[n], row[last], system.residual[n] = drift, other, z[0] + span - z[i]
+    return largest(system.residual)
+
+
 def largest(residual: Vector) -> float:
     """Return the largest absolute value; NaN where one is not a number."""
     size, total = 0.0, 0.0
@@ -364,6 +387,23 @@ def bound_touching(
     kind = system.counts[TOUCH]
     r, _, _, _ = bounded_flight(kind, start, speed, touch, (0.0, 0.0), system.values)
     off[n], off[n + 1] = r[0][1], r[1][1]
+
+
+def bound_reached(
+    bounded_flight: Callable[..., Blocks],
+    bounded_period: Callable[[Vector], tuple[float, float]],
+    system: SystemVectors,
+    z: Vector,
+    off: Vector,
+) -> None:
+    """The same of `evaluate_reached`."""
+    bound_orbit(bounded_flight, bounded_period, system, z, off, False)
+    n, size = 2 * len(system.kinds), 0.0
+    for i in range(n + 1):
+        size = max(size, abs(z[i]))
+    periods = system.counts[PERIODS] if 2 * system.counts[FLIGHT] + 2 == n else 0
+    duration = periods * bounded_period(system.values)[1] + 2.0 * EPSILON * size
+    off[n] = duration if system.counts[TOUCH] != 0 else 0.0
 
 
 # The solution of a system with one free parameter.

@@ -27,7 +27,9 @@ from .extended_system import (
     places_of,
 )
 from .kind import Change, Details, Equations, Kind, Look, Start, System, Values, null_vector_start
+from .scalar_systems import ScalarForm
 from .sliding import (
+    ADDING,
     exchange_impacts,
     exchanged_word,
     sliding_kind_of_zero_duration,
@@ -80,6 +82,10 @@ class ZeroDuration(ScalarTest):
     ) -> Location | None:
         told = self.described(guess.evaluation.problem, index)
         return where_added(guess, index, told) or super().locate(problem, guess, index)
+
+    def form(self, problem: OrbitProblem, index: int) -> ScalarForm | None:
+        adds = sliding_kind_of_zero_duration(problem, index) == ADDING
+        return None if adds else ScalarForm("reached", index, 1)
 
     def described(self, problem: OrbitProblem, index: int) -> Details:
         return {"flight": index}

@@ -30,11 +30,14 @@ from .extended_system import (
     places_of,
 )
 from .kind import Change, Details, Equations, Kind, Look, Start, System, Values, null_vector_start
+from .scalar_systems import ScalarForm
 from .sliding import (
+    ADDING,
     INSTANT,
     guard_at,
     other_end_of,
     remove_impacts,
+    sliding_kind_of_zero_duration,
     sliding_kind_of_zero_velocity,
     tolerated_touches,
     vanishing_impacts,
@@ -96,6 +99,14 @@ class ZeroVelocity(ScalarTest):
         flights = impact, (impact - 1) % len(own.word)
         found = (where_added(guess, flight, told) for flight in flights)
         return next(filter(None, found), None) or super().locate(problem, guess, index)
+
+    def form(self, problem: OrbitProblem, index: int) -> ScalarForm | None:
+        if index >= len(self.impacts):
+            return None
+        impact = self.impacts[index]
+        around = impact, (impact - 1) % len(problem.word)
+        adds = any(sliding_kind_of_zero_duration(problem, k) == ADDING for k in around)
+        return None if adds else ScalarForm("reached", impact)
 
     def place(self, index: int) -> int:
         """Return the number of the impact, or of the first of those that meet."""

@@ -364,6 +364,9 @@ class _Search:
     def on(self, arc: Arc, stretch: Stretch, depth: int) -> None:
         """Cut an arc where more crossings are not excluded, else locate those there are."""
         found, places = self.suspected(stretch)
+        if not found.any():
+            self.locate_on(arc, stretch)
+            return
         worth = np.where(depth < DEEPEST[found], found, 0)
         if np.any(worth) and self.cuts < MOST_CUTS:
             middle = arc.at(float(places[np.argmax(worth)]))
@@ -380,7 +383,7 @@ class _Search:
         """Where more crossings are not excluded, and not within rounding."""
         found, places = stretch.suspects()
         b, c = stretch.left.flat, stretch.right.flat
-        if not np.any(found):
+        if not found.any():
             return found, places
         floor = [max(test.noise, test.rounding) for test in self.tests]
         found[(found == DIPS) & (np.fmax(np.abs(b), np.abs(c)) <= np.repeat(floor, self.sizes))] = 0

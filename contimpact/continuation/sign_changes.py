@@ -138,7 +138,8 @@ def crosses(left: Array, right: Array) -> Array:
 
 def crossings(left: Array, right: Array) -> list[int]:
     """Return the indices that change sign between two points."""
-    return np.nonzero(crosses(left, right))[0].tolist()
+    pairs = enumerate(zip(left.tolist(), right.tolist(), strict=True))
+    return [i for i, (b, c) in pairs if b == b and c == c and (b >= 0.0) != (c >= 0.0)]
 
 
 def suspect_values(

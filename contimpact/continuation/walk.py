@@ -628,7 +628,8 @@ class _Walker:
         No walk comes from beyond a limit of the range: a zero on it, within its error, is found
         from inside.
         """
-        values = np.hstack([np.zeros((len(new), 0)), *(test.on(piece) for test in self.tests)])
+        told = [np.zeros((len(new), 0)), *(test.on(piece) for test in self.tests)]
+        values = np.concatenate(told, axis=1)
         seen = self.seen.then(new.arclengths, values)
         first, second = seen.values[1], seen.values[2]
         if len(self.points) == 1:

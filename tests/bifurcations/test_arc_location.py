@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 
 from contimpact import ImpactPair, find_orbits
+from contimpact.bifurcations.event_solver import solver_of
+from contimpact.bifurcations.extended_system import ReachedTest
 from contimpact.bifurcations.registry import test_functions as functions_of
+from contimpact.bifurcations.scalar_systems import FLIGHT, TOUCH
 from contimpact.continuation.branch import TestFunction
 from contimpact.diagrams.orbit_walks import walk_orbits
 from contimpact.models.word import Word
@@ -51,12 +54,12 @@ def test_events_are_those_found_step_by_step(case, monkeypatch):
     monkeypatch.setenv("CONTIMPACT_COMPILED", "never")
     orbit, limits = orbit_of(case)
     at_once = walks(orbit, limits)
-    for kind in functions_of(orbit.problem, ("FB", "PD", "G"), {}):
+    for kind in functions_of(orbit.problem, ("FB", "PD", "G", "V", "T"), {}):
         monkeypatch.setattr(type(kind), "locate_on", TestFunction.locate_on)
     stepwise = walks(orbit, limits)
     assert [walk.missed for walk in at_once] == [walk.missed for walk in stepwise]
     pairs = list(zip(events_of(at_once), events_of(stepwise), strict=True))
-    assert {"PD", "G", "FB"} & {event.kind for event, _ in pairs}
+    assert {"PD", "G", "FB", "V"} & {event.kind for event, _ in pairs}
     for one, other in pairs:
         assert (one.kind, one.method) == (other.kind, other.method)
         assert one.details.keys() == other.details.keys()
@@ -69,6 +72,29 @@ def test_events_are_those_found_step_by_step(case, monkeypatch):
         assert here.arclength == pytest.approx(there.arclength, abs=1e-9)
         by_blocks = here.evaluation.stability.multipliers
         assert here.evaluation.multipliers == pytest.approx(by_blocks, rel=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["V", "T"])
+@pytest.mark.parametrize("index", range(3))
+def test_what_vanishes_is_as_by_dense_linear_algebra(kind, index):
+    """Its gradient and the bound of its rounding, also on the flight that closes the orbit."""
+    model = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.34)
+    orbit = find_orbits(model, "2:1", parameter="omega")[0]
+    problem, here = orbit.problem, orbit.problem.evaluate(orbit.unknowns)
+    (test,) = functions_of(problem, (kind,), {})
+    solver = solver_of(problem, test.form(problem, index))
+    system, search, _ = solver.lists
+    system.counts[FLIGHT], system.counts[TOUCH] = test.form(problem, index)[1:3]
+    z = [*orbit.unknowns.tolist(), 0.0]
+    evaluate, bound = solver.functions[:2]
+    evaluate(system, z)
+    bound(system, z, search.off)
+    dense = ReachedTest(problem, test, index)
+    side = np.array([*np.ones(problem.n), test.sides[index] if kind == "V" else 1.0])
+    told, own = dense.assemble(here, np.zeros(0)), np.array(system.jacobian)[:, :-1]
+    assert own == pytest.approx(side[:, None] * told.jacobian, rel=1e-12, abs=1e-12)
+    assert system.residual == pytest.approx(side * told.residual, abs=1e-14)
+    assert search.off[:-1] == pytest.approx(dense.rounding(here, np.zeros(0)), rel=0.5)
 
 
 @needs_llvmlite
