@@ -50,6 +50,7 @@ from .scalar_systems import (
     SIZE,
     SOLVED,
     TOUCH,
+    VARIANT,
     ScalarForm,
     Search,
     SystemVectors,
@@ -67,15 +68,13 @@ if TYPE_CHECKING:
 
 # Programs: the kernels of a model by number, and the entry.
 
-SECOND_OF_ONE = """
-def any_second(kind, t0, v0, t1, v1, q0, q1, q2, q3, p):
-    r, a, b, free = one_second(kind, t0, v0, t1, v1, q0, q1, q2, q3, p)
-    return r, a, b, (free[0], 0.0, free[1], 0.0)
-"""
-
-ONE_FREE = """
+ENTRY = """
 def any_flight(kind, t0, v0, t1, v1, p):
     r, a, b, free = one_flight(kind, t0, v0, t1, v1, p)
+    return r, a, b, (free[0], 0.0, free[1], 0.0)
+
+def any_second(kind, t0, v0, t1, v1, q0, q1, q2, q3, p):
+    r, a, b, free = one_second(kind, t0, v0, t1, v1, q0, q1, q2, q3, p)
     return r, a, b, (free[0], 0.0, free[1], 0.0)
 
 def any_setup(p):
@@ -85,8 +84,30 @@ def any_setup(p):
 def any_period(p):
     return bounded_setup({pairs})
 
+def evaluate(system, z):
+    if system.counts[VARIANT] == SINGULAR:
+        return evaluate_singular(any_flight, any_second, any_setup, system, z)
+    if system.counts[VARIANT] == TOUCHING:
+        return evaluate_touching(any_flight, any_setup, system, z)
+    return evaluate_reached(any_flight, any_setup, system, z)
+
 def bound(system, z, off):
-    return bound_{variant}(any_bounded, any_period, system, z, off)
+    if system.counts[VARIANT] == SINGULAR:
+        bound_singular(any_bounded, any_period, system, z, off)
+    elif system.counts[VARIANT] == TOUCHING:
+        bound_touching(any_bounded, any_period, system, z, off)
+    else:
+        bound_reached(any_bounded, any_period, system, z, off)
+
+def guess(system, arc, z):
+    if system.counts[VARIANT] == SINGULAR:
+        return guess_eigenvector(any_flight, any_setup, system, z)
+    if system.counts[VARIANT] == TOUCHING:
+        return guess_touch(any_flight, any_setup, turn, system, arc, z)
+    return guess_orbit(any_flight, any_setup, system, z)
+
+def check(system, arc, z):
+    return system.counts[VARIANT] != TOUCHING or check_touch(turn, system, arc, z)
 
 def entry({fields}, {search}, {arc}):
     system, search, arc = SystemVectors({fields}), Search({search}), ArcVectors({arc})
@@ -95,40 +116,16 @@ def entry({fields}, {search}, {arc}):
     return locate_on_arc(evaluate, bound, guess, check, system, search, arc)
 """
 
-GUESS = {
-    "singular": """
-def guess(system, arc, z):
-    return guess_eigenvector(any_flight, any_setup, system, z)
-
-def check(system, arc, z):
-    return True
-""",
-    "touching": """
+TURN = """
 def turn(system, arc, z):
     return turn_of_flight(any_setup, breaks, excursion, system, arc, z)
+"""
 
-def guess(system, arc, z):
-    return guess_touch(any_flight, any_setup, turn, system, arc, z)
-
-def check(system, arc, z):
-    return check_touch(turn, system, arc, z)
-""",
-    "reached": """
-def guess(system, arc, z):
-    return guess_orbit(any_flight, any_setup, system, z)
-
-def check(system, arc, z):
-    return True
-""",
-    "": """
-def guess(system, arc, z):
-    return False
-
-def check(system, arc, z):
-    return False
-""",
-}
-"""By variant, and where touches are not found by compiled code."""
+NO_TURN = """
+def turn(system, arc, z):
+    return nan, nan
+"""
+"""Where compiled code finds no turns."""
 
 EVALUATE = {
     "singular": """
@@ -138,10 +135,6 @@ def evaluate(system, z):
     "touching": """
 def evaluate(system, z):
     return evaluate_touching(any_flight, any_setup, system, z)
-""",
-    "reached": """
-def evaluate(system, z):
-    return evaluate_reached(any_flight, any_setup, system, z)
 """,
 }
 
@@ -172,50 +165,43 @@ def add_kernels(program: Program, kernels: Kernels, variant: str, free: str) -> 
     return p
 
 
-def program_of(kernels: Kernels, variant: str, turns: str | None) -> Program:
-    """Return the program that solves a variant's systems, for any word of a model.
+def program_of(kernels: Kernels, turns: str | None) -> Program:
+    """Return the program that solves systems and locates events, for any word of a model.
 
     `turns` says how flights are found to turn; see `excursion_code.variant_of`.
     """
     from ..segments.machine_code import Program, choice
 
     program = Program({store: store_compiled, row_of: row_of_compiled})
-    p = add_kernels(program, kernels, variant, "one")
+    p = add_kernels(program, kernels, "singular", "one")
     walls = kernels.model.letters
     bounded = {f"bounded_{a}_{b}": kernels.bounded(a, b) for a in walls for b in walls}
     pairs = ", ".join(f"(p[{i}], 0.0)" for i in range(len(kernels.model.values)))
     ends = "t0, v0, t1, v1"
     given = f"{ends}, {pairs}"
     program.glue(choice("any_bounded", f"kind, {ends}, p", "kind", list(bounded), given), **bounded)
-    program.constant("Search", Search)
-    program.constant("ArcVectors", ArcVectors)
-    named: dict[str, Callable[..., Any]] = {f.__name__: f for f in FUNCTIONS[variant]}
-    named |= {"solve_system": solve_system, "locate_on_arc": locate_on_arc}
-    guessed = variant
-    if variant == "singular":
-        named["guess_eigenvector"] = guess_eigenvector
-    elif variant == "reached":
-        named["guess_orbit"] = guess_orbit
-    elif turns is None:
-        guessed = ""
-    else:
+    for kind in (Search, ArcVectors):
+        program.constant(kind.__name__, kind)
+    for name, number in (("VARIANT", VARIANT), ("SINGULAR", 0), ("TOUCHING", 1)):
+        program.constant(name, number)
+    called: list[Callable[..., Any]] = [solve_system, locate_on_arc]
+    called += [guess_eigenvector, guess_orbit, guess_touch, check_touch]
+    called += [function for pair in FUNCTIONS.values() for function in pair]
+    if turns is not None:
         add_excursions(program, kernels, turns, p)
-        found = turn_of_flight, guess_touch, check_touch
-        named |= {function.__name__: function for function in found}
-    second = SECOND_OF_ONE if variant == "singular" else ""
-    text = ONE_FREE.format(
+        called.append(turn_of_flight)
+    text = ENTRY.format(
         p=p,
         pairs=pairs,
-        variant=variant,
         fields=", ".join(SystemVectors._fields),
         search=", ".join(Search._fields),
         arc=", ".join(ArcVectors._fields),
     )
     program.glue(
-        second + EVALUATE[variant] + GUESS[guessed] + text,
+        (NO_TURN if turns is None else TURN) + text,
         kernel_setup=kernels.setup,
         bounded_setup=kernels.bounded_period,
-        **named,
+        **{function.__name__: function for function in called},
     )
     return program
 
@@ -237,13 +223,14 @@ def vectors_of(
     the parameter values."""
     vector, table = made_by
     walls, names = problem.model.letters, list(problem.model.values)
+    variant = list(FUNCTIONS).index(form.variant)
     places = [walls.index(a) for a in problem.word.walls]
     kinds = [len(walls) * a + b for a, b in zip(places, [*places[1:], places[0]], strict=True)]
     first = names.index(problem.parameter)
     values = list(problem.model.values.values())
     return SystemVectors(
         kinds=vector(kinds),
-        counts=vector([problem.word.period, first, second, form.flight, form.touch]),
+        counts=vector([problem.word.period, first, second, form.flight, form.touch, variant]),
         numbers=vector([form.mu, 0.0]),
         values=vector(values if second < len(values) else [*values, 0.0]),
         residual=vector([0.0] * (size - 1)),
@@ -291,7 +278,7 @@ class Solver:
         self.problem, self.variant = problem, variant
         self.own = {"singular": problem.n, "touching": 1, "reached": 0}[variant]
         kernels, values = problem.kernels, list(problem.model.values.values())
-        self.turns = variant_of(kernels, values) if variant == "touching" else None
+        self.turns = variant_of(kernels, values)
         apart = self.turns is not None and flights_are_apart(kernels, problem.word.walls)
         self.locates = not problem.lost and (variant != "touching" or apart)
 
@@ -369,7 +356,7 @@ class Solver:
     def arrays(self) -> tuple[SystemVectors, Search, ArcVectors]:
         """What compiled code works on."""
         system, search, arc = self.vectors(ARRAYS)
-        if self.turns == "law":
+        if self.turns == "law" and self.variant == "touching":
             arc = arc._replace(steps=np.zeros((MOST, ROW)), zeros=np.zeros(2 * MOST))
         return system, search, arc
 
@@ -412,7 +399,7 @@ class Solver:
     @property
     def program(self) -> tuple[str, ...]:
         """What tells its program from others."""
-        return self.problem.kernels.identity, self.variant, self.turns or "", "events"
+        return self.problem.kernels.identity, self.turns or "", "events"
 
     def solve(
         self, form: ScalarForm, here: Linearisation, start: Array, far: float
@@ -502,8 +489,8 @@ class Solver:
         """Compiled code, where there is any and it pays."""
         if mode() == "never":
             return None
-        given = self.problem.kernels, self.variant, self.turns
-        return load(self.program, ARGUMENTS, lambda: program_of(*given))
+        kernels = self.problem.kernels
+        return load(self.program, ARGUMENTS, lambda: program_of(kernels, self.turns))
 
 
 def flights_of(rows: Array, free: int = 1) -> CyclicBlocks:

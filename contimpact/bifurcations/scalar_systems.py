@@ -46,9 +46,9 @@ class ScalarForm(NamedTuple):
     mu: float = 0.0
 
 
-PERIODS, FIRST, SECOND, FLIGHT, TOUCH = range(5)
-"""Places in `counts`: how many periods, the places of both free parameters among the values, and of
-a touch the flight and its kind."""
+PERIODS, FIRST, SECOND, FLIGHT, TOUCH, VARIANT = range(6)
+"""Places in `counts`: how many periods, the places of both free parameters among the values, what
+`ScalarForm` says, and the number of the variant in `event_solver.FUNCTIONS`."""
 
 MU, SPAN = range(2)
 """Places in `numbers`: the multiplier of a singular cycle, and the orbit's period where the system
