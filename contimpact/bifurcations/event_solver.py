@@ -436,6 +436,7 @@ class Solver:
         usual = max(abs(left.orientation), abs(right.orientation))
         given.options[:6] = 1.0, FAR, fraction, arc.span, usual, 2.0 * arc.settings.max_angle
         given.found[UNRESOLVED] = 0.0
+        self.problem.kernel_evaluations += len(self.problem.word)  # for the guess
         if self.run(form, fast) != SOLVED:
             return None
         best, tangent, found = np.array(search.best), np.array(given.tangent), list(given.found)
