@@ -464,10 +464,11 @@ class Solver:
         return status
 
     def _run_plainly(self, system: SystemVectors, search: Search, arc: ArcVectors) -> int:
+        evaluate, bound, guess, check = self.functions
         if not arc.options[0]:
-            return solve_system(*self.functions[:2], system, search, arc.options[1])
+            return solve_system(evaluate, bound, system, search, arc.options[1])
         try:
-            return locate_on_arc(*self.functions, system, search, arc)
+            return locate_on_arc(evaluate, bound, guess, check, system, search, arc)
         except (ArithmeticError, ValueError):
             return FAILED
 

@@ -162,9 +162,8 @@ def suspect_values(
         Where between b and c, from 0 to 1.
     """
     lengths = float(behind), float(ahead), float(beyond)
-    told = [
-        suspect(*four, *lengths) for four in zip(*(v.tolist() for v in (a, b, c, d)), strict=True)
-    ]
+    four = zip(a.tolist(), b.tolist(), c.tolist(), d.tolist(), strict=True)
+    told = [suspect(*values, *lengths) for values in four]
     return np.array([what for what, _ in told], dtype=int), np.array([place for _, place in told])
 
 

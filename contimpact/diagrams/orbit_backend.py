@@ -225,7 +225,7 @@ class OrbitBackend(ABC, Generic[V]):
         if found is not None:
             position.refill(found[0])
             return found
-        vectors = position.vectors(self.recorded, most, ARRAYS)
+        vectors: StepVectors = position.vectors(self.recorded, most, ARRAYS)
         found = vectors, [*self.addresses, *addresses(vectors)]
         if most <= KEPT_STEPS:
             self.kept[most] = found
