@@ -54,6 +54,10 @@ touches is too stiff for compiled code."""
 CYCLE = 12
 """Numbers of a flight with one free parameter; see `orbits.block_cyclic`."""
 
+VANISHING = 1e-4
+"""Part of an orbit's period, and of its largest velocity, below which flights and velocities are
+left to the search step by step."""
+
 PASSING = 1e-9
 """A gap of a located touch below minus this is that of another place, where the flight passes."""
 
@@ -136,6 +140,18 @@ def locate_on_arc(
         return FAILED
     describe_point(system, search.best, arc)
     return SOLVED
+
+
+def flights_last(system: SystemVectors, z: Vector) -> bool:
+    """Whether no flight of an orbit nearly vanishes, nor the velocity at its start: there matrices
+    are singular without a multiplier, and multipliers are rounding."""
+    count, span, fastest, slowest = len(system.kinds), abs(system.numbers[SPAN]), 0.0, math.inf
+    for k in range(count):
+        end = z[2 * k + 2] if k + 1 < count else z[0] + system.numbers[SPAN]
+        if not end - z[2 * k] > VANISHING * span:
+            return False
+        fastest, slowest = max(fastest, abs(z[2 * k + 1])), min(slowest, abs(z[2 * k + 1]))
+    return slowest > VANISHING * fastest
 
 
 def lies_on_arc(z: Vector, arc: ArcVectors) -> bool:

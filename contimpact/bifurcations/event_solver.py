@@ -32,6 +32,7 @@ from .arc_location import (
     UNRESOLVED,
     ArcVectors,
     check_touch,
+    flights_last,
     guess_eigenvector,
     guess_orbit,
     guess_touch,
@@ -107,6 +108,8 @@ def guess(system, arc, z):
     return guess_orbit(any_flight, any_setup, system, z)
 
 def check(system, arc, z):
+    if system.counts[VARIANT] == SINGULAR:
+        return flights_last(system, z)
     return system.counts[VARIANT] != TOUCHING or check_touch(turn, system, arc, z)
 
 def entry({fields}, {search}, {arc}):
@@ -185,7 +188,7 @@ def program_of(kernels: Kernels, turns: str | None) -> Program:
     for name, number in (("VARIANT", VARIANT), ("SINGULAR", 0), ("TOUCHING", 1)):
         program.constant(name, number)
     called: list[Callable[..., Any]] = [solve_system, locate_on_arc]
-    called += [guess_eigenvector, guess_orbit, guess_touch, check_touch]
+    called += [guess_eigenvector, flights_last, guess_orbit, guess_touch, check_touch]
     called += [function for pair in FUNCTIONS.values() for function in pair]
     if turns is not None:
         add_excursions(program, kernels, turns, p)
@@ -326,7 +329,7 @@ class Solver:
             return guess_eigenvector(flight, setup, system, z)
 
         if self.variant == "singular":
-            return evaluated, bounds, eigenvector, lambda system, arc, z: True
+            return evaluated, bounds, eigenvector, lambda system, arc, z: flights_last(system, z)
         if self.variant == "reached":
             orbit = functools.partial(guess_orbit, flight, setup)
             given = evaluated, bounds, lambda system, arc, z: orbit(system, z)

@@ -14,6 +14,7 @@ from contimpact.bifurcations.extended_system import ReachedTest
 from contimpact.bifurcations.registry import test_functions as functions_of
 from contimpact.bifurcations.scalar_systems import FLIGHT, TOUCH
 from contimpact.continuation.branch import TestFunction
+from contimpact.diagrams.orbit_branch import continue_born, continue_orbit
 from contimpact.diagrams.orbit_walks import walk_orbits
 from contimpact.models.word import Word
 from contimpact.systems.soft_stop import SoftStop
@@ -95,6 +96,16 @@ def test_what_vanishes_is_as_by_dense_linear_algebra(kind, index):
     assert own == pytest.approx(side[:, None] * told.jacobian, rel=1e-12, abs=1e-12)
     assert system.residual == pytest.approx(side * told.residual, abs=1e-14)
     assert search.off[:-1] == pytest.approx(dense.rounding(here, np.zeros(0)), rel=0.5)
+
+
+@pytest.mark.full
+def test_a_contact_that_vanishes_is_no_doubling():
+    """There the cyclic matrix is singular for every multiplier."""
+    quiet = find_orbits(SoftStop(**SOFT).replace(omega=2.0), Word("0", 1), parameter="omega")[0]
+    (touch,) = continue_orbit(quiet, "omega", (1.0, 2.0), events=["G"]).events[:1]
+    born = continue_born(touch, SoftStop(**SOFT), (1.0, 2.0), events=["FB", "PD", "V"])
+    at = [event.kind for event in born.events if abs(event.value - touch.value) < 1e-11]
+    assert at == ["V"]
 
 
 @needs_llvmlite
