@@ -101,7 +101,7 @@ def test_what_vanishes_is_as_by_dense_linear_algebra(kind, index):
 @pytest.mark.full
 def test_a_contact_that_vanishes_is_no_doubling():
     """There the cyclic matrix is singular for every multiplier."""
-    quiet = find_orbits(SoftStop(**SOFT).replace(omega=2.0), Word("0", 1), parameter="omega")[0]
+    quiet = find_orbits(SoftStop(**SOFT).replace(omega=2.0), "0", parameter="omega")[0]
     (touch,) = continue_orbit(quiet, "omega", (1.0, 2.0), events=["G"]).events[:1]
     born = continue_born(touch, SoftStop(**SOFT), (1.0, 2.0), events=["FB", "PD", "V"])
     at = [event.kind for event in born.events if abs(event.value - touch.value) < 1e-11]
