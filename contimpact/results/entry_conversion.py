@@ -128,7 +128,7 @@ def _ghost_reason(n_unstable: int, verdict: Verdict) -> str | None:
 
 
 def impacts_of(problem: OrbitProblem, unknowns: Array) -> list[dict[str, Any]]:
-    """Return the impacts as records, the first one's time in [0, T)."""
+    """Return the impacts as records, the first one's time in [0, T), see `EARLY`."""
     names = ["time", "velocity", *coordinates(problem.m)[2:]]
     rows = problem.impacts(unknowns).tolist()
     for row in rows:
@@ -157,13 +157,18 @@ def _states(problem: OrbitProblem, unknowns: Array) -> list[dict[str, list[float
     ]
 
 
+EARLY = 1e-12
+"""Part of the period by which the first impact may come before 0: rounding does not decide whether
+an impact at the forcing's phase 0 is recorded at 0 or at T."""
+
+
 def _shift_time(problem: OrbitProblem, unknowns: Array, time: Any) -> Any:
-    """A time in the clock in which the first impact comes in [0, T)."""
+    """A time in the clock in which the first impact comes in [0, T), see `EARLY`."""
     if time is None:
         return None
     period = problem.period(unknowns)
     first, _ = problem.times_around(unknowns, 0)
-    return time - float(np.floor(first / period)) * period
+    return time - float(np.floor(first / period + EARLY)) * period
 
 
 # What a user gave to be followed, as an orbit.
