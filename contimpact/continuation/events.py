@@ -231,8 +231,8 @@ def locate(
         if b - a <= 8.0 * EPSILON or value == 0.0:
             break
     assert guess is not None
-    shrunk = min(abs(fa), abs(fb)) <= SHRUNK * max(abs(left), abs(right))
-    if not shrunk:
+    shrunk = max(abs(fa), abs(fb)) <= SHRUNK * max(abs(left), abs(right))
+    if not (shrunk or value == 0.0):
         sides = arc.left if a == 0.0 else arc.at(a), arc.right if b == 1.0 else arc.at(b)
         if any(side is not None and test.enters(side, index) for side in sides):
             return None
