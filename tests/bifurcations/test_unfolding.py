@@ -73,8 +73,11 @@ def kinds_of(branch):
 
 
 def check(model, how, sizes, word="1:1", limits=(0.3, 1.2)):
-    """No BP but within the error of nu, and each branch as far away; returns counts."""
-    counts = {"right": 0, "ended": 0, "within the error": 0, "near misses": 0}
+    """No BP but within the error of nu, and each branch as far away; returns counts.
+
+    A walk may pass the place where branches come as near as rounding, if it says so.
+    """
+    counts = {"right": 0, "ended": 0, "within the error": 0, "passed": 0, "near misses": 0}
     reference = {
         sign: branches(unfolded(model, how, sign * FAR), word, limits) for sign in (-1.0, 1.0)
     }
@@ -89,6 +92,10 @@ def check(model, how, sizes, word="1:1", limits=(0.3, 1.2)):
             elif EndKind.NEAR_MISS in kinds_of(branch):
                 assert abs(size) < 1e-11
                 counts["ended"] += 1
+            elif branch.missed:
+                assert abs(size) < 1e-12
+                assert "changes from" in repr(branch)
+                counts["passed"] += 1
             else:
                 assert kinds_of(branch) <= {EndKind.RANGE, EndKind.CLOSED}
                 assert any(joins_the_same(branch, r) for r in reference[np.sign(size)]), size
@@ -228,7 +235,7 @@ def test_random_pitchforks_in_narrow_ranges(kernel_cache):
 
 @pytest.mark.slow
 def test_random_unfoldings(kernel_cache):
-    """Measured: 553 right, 23 ended, 5 within the error of nu, and 317 notes of near misses."""
+    """Measured: 534 right, 42 within the error of nu, 1 passed, and 274 notes of near misses."""
     rng = np.random.default_rng(11)
     total = {}
     for _ in range(60):
@@ -245,4 +252,4 @@ def test_random_unfoldings(kernel_cache):
             for name, count in check(model, how, sizes, word, limits).items():
                 total[name] = total.get(name, 0) + count
     assert total["near misses"] > 100
-    assert total["right"] > 10 * (total["ended"] + total["within the error"])
+    assert total["right"] > 10 * (total["ended"] + total["within the error"] + total["passed"])

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.optimize import brentq, fsolve
+from scipy.optimize import brentq, fsolve, root
 
 import contimpact as ci
 from contimpact.errors import InputError
@@ -333,7 +333,9 @@ def _touch(level=0.5):
         run = solve_ivp(_stick(V), (t, t + math.pi / 0.92), [level, slow], **EXACT)
         return [*(run.y[:, -1] - [level, slow]), slow]
 
-    return fsolve(apart, [0.5875, -0.01, 0.0], xtol=1e-14)
+    found = root(apart, [0.5875, -0.01, 0.0], tol=1e-14)
+    assert np.max(np.abs(found.fun)) < 1e-12
+    return found.x
 
 
 @pytest.fixture(scope="module")
