@@ -178,6 +178,7 @@ ACCEPTED_ERROR = 1e-7
 """Newton on an extended system counts if its error is below this part of the parameter's scale."""
 
 NO_VALUE = "the test function has no value inside the bracket"
+JUMPS = "the test function jumps without passing through zero"
 
 
 def locate(
@@ -231,13 +232,16 @@ def locate(
         if b - a <= 8.0 * EPSILON or value == 0.0:
             break
     assert guess is not None
-    shrunk = max(abs(fa), abs(fb)) <= SHRUNK * max(abs(left), abs(right))
-    if not (shrunk or value == 0.0):
+    small, large = sorted((abs(fa), abs(fb)))
+    shrunk = SHRUNK * max(abs(left), abs(right))
+    if small > shrunk:
         sides = arc.left if a == 0.0 else arc.at(a), arc.right if b == 1.0 else arc.at(b)
         if any(side is not None and test.enters(side, index) for side in sides):
             return None
-        return missed_event(test.kind, arc, "the test function jumps without passing through zero")
-    return _locate_by_bracket(test, arc, guess, index, 0.0 if value == 0.0 else b - a)
+        return missed_event(test.kind, arc, JUMPS)
+    event = _locate_by_bracket(test, arc, guess, index, 0.0 if value == 0.0 else b - a)
+    jumps = large > shrunk and value != 0.0
+    return missed_event(test.kind, arc, JUMPS) if jumps and test.accept(event) else event
 
 
 def _next_fraction(a: float, b: float, fa: float, fb: float, attempt: int) -> float:
