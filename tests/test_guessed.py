@@ -56,6 +56,7 @@ def test_a_number_of_a_branch_says_how_to_come_to_its_orbit(tried):
 
 
 @pytest.mark.parametrize("given", ["diagram", "branch", "branches"])
+@pytest.mark.full
 def test_branches_are_drawn_as_diagrams_are(tried, given):
     what = [tried.branch] if given == "branches" else getattr(tried, given)
     ax = ci.plot_diagram(what, x="d")

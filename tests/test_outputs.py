@@ -85,6 +85,7 @@ def scene(**outputs):
     }
 
 
+@pytest.mark.full
 def test_columns_of_branches(tmp_path):
     given = scene(P="c*v**2", work="a*cos(omega*t)*v", hit={"before_impacts": "v**2"})
     diagram = ci.follow(given)
@@ -105,6 +106,7 @@ def test_columns_of_branches(tmp_path):
     np.testing.assert_array_equal(series.values, branch["P"])
 
 
+@pytest.mark.full
 def test_voltages_of_impacts():
     """Equations (9) of the paper, as outputs; the membranes are those of [energy]."""
     given = {
@@ -185,6 +187,7 @@ def test_mean_of_simulated_motion(oscillator):
     assert oscillator.mean("v**2").value == pytest.approx(end[2] / oscillator.period, rel=1e-10)
 
 
+@pytest.mark.full
 def test_balance_free_period():
     """Without forcing, on integrated flights of a period that is found."""
     pytest.importorskip("heyoka")

@@ -14,13 +14,14 @@ BEYOND = ("oscillator, overdamped, c = 1e8: the fold",)
 
 
 LONG = (
+    "oscillator, stiff, k = 1e8: an orbit of S",
     "oscillator, overdamped, c = 1e4: orbits of S",
     "oscillator, overdamped, c = 1e8: orbits of S",
     "oscillator, overdamped, c = 1e8: four decades of a",
     "oscillator, overdamped, c = 1e4: four decades of a",
     *BEYOND,
 )
-"""What takes a minute."""
+"""What takes half a minute and more."""
 
 
 def marks(name):

@@ -170,6 +170,7 @@ def test_collapse_keeps_determinants(rng, count, m):
 
 
 @pytest.mark.parametrize("n", [3, 40, 401, 601])
+@pytest.mark.full
 def test_sparse_and_dense_agree(rng, n, monkeypatch):
     """A bordered cyclic chain, solved both ways; determinants with their signs."""
     matrix = np.zeros((n, n))

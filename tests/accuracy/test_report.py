@@ -124,6 +124,7 @@ def test_reported_errors_of_shipped_scenes_are_bounds(name):
     assert fair["largest_ratio"] < 0.5
 
 
+@pytest.mark.full
 def test_a_simulation_and_its_voltages_are_measured():
     """Each flight to rounding; the integrator's error falls with its tolerance."""
     scene = load_scene(ROOT / "branches" / "fig7" / "scene.toml")
@@ -217,6 +218,7 @@ def test_shooting_reads_many_harmonics(pair):
     assert Reference(orbit.problem).orbit(orbit.unknowns).distance(found) < 1e-8
 
 
+@pytest.mark.full
 def test_shooting_gives_up_a_stiff_flight(oscillator):
     """Thousands of oscillations took an explicit integrator minutes at every tolerance."""
     model = oscillator(k=1e8, a=1e8, c=100.0, omega=1.0, sigma=0.3)
@@ -292,6 +294,7 @@ def test_the_first_orbit_with_impacts_is_compared_where_a_scene_names_none():
     assert 1.6 < orbit.unknowns[-1] < 1.73
 
 
+@pytest.mark.full
 def test_events_that_there_is_no_time_for_are_counted(monkeypatch):
     monkeypatch.setattr(report, "SECONDS_OF_EVENTS", 0.0)
     scene = read_scene(tomllib.loads(SMALL))

@@ -85,6 +85,7 @@ def test_nothing_is_born_where_no_contact_vanishes(magnet):
     assert None in event.multipliers or abs(complex(*event.multipliers[0])) > 1e12
 
 
+@pytest.mark.full
 def test_every_zero_of_a_velocity_is_recorded_once():
     """A contact that vanishes is one event of its own."""
     found = branch((0.9, 1.8), (0.1017, 4.5225, 1.3676, -3.5937), w=1.3, P=0.3)
@@ -100,6 +101,7 @@ def test_every_zero_of_a_velocity_is_recorded_once():
     assert found.missed == []
 
 
+@pytest.mark.full
 def test_it_is_a_ghost_where_the_body_is_pushed_back_at_once():
     """Released at rest into a field that pushes it towards the stop, it is in contact again."""
     found = branch((0.4728, 0.475), (-1.9581, 0.1518, -0.4985, -0.0046), w=0.47319, P=0.3)
@@ -113,6 +115,7 @@ def test_it_is_a_ghost_where_the_body_is_pushed_back_at_once():
         assert "passes wall C" in event.reason
 
 
+@pytest.mark.full
 def test_its_curve_in_two_parameters(magnet):
     (event,) = [e for e in magnet.events if e.kind == "V"]
     curve = follow_curve(event, Preloaded(**VALUES), "P", (0.38, 0.43), (-0.35, -0.25))

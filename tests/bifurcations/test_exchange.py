@@ -135,6 +135,7 @@ def test_a_scene_that_does_not_switch_at_it_is_told_what_is_left(diagram):
 @pytest.mark.parametrize(
     ("kind", "words", "beyond"), [("V", ["CR"], "0"), ("G", ["0"], "CR")], ids=["V", "G"]
 )
+@pytest.mark.full
 def test_a_motion_that_begins_or_ceases_to_touch_a_soft_stop_continues(kind, words, beyond):
     """Grazing at a cos(omega t)/(k - omega^2) = e, undamped: omega = sqrt(k + a/e) = sqrt(3)."""
     values = {"a": 1.0, "omega": 1.7, "c": 0.0, "k": 1.0, "e": 0.5, "k_b": 0.2, "c_b": 0.0}

@@ -205,6 +205,7 @@ def test_windows_hold_what_they_say(trace, determinant):
 @pytest.mark.parametrize(
     ("multiplier", "name"), [(0.15, OVERLAP), (0.4, CHAOS), (0.6, CHAOS), (0.72, IMMEDIATE)]
 )
+@pytest.mark.full
 def test_period_adding_of_the_square_root_map(multiplier, name):
     """One dimension: Nordmark's thresholds 1/4 and 2/3, and the motion at small epsilon."""
     said, found = predict(multiplier, 0.0, True)

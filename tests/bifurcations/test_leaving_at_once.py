@@ -93,6 +93,7 @@ def test_where_it_does_is_a_grazing_with_an_error():
     assert not branch.missed
 
 
+@pytest.mark.full
 def test_a_coordinate_that_vanishes_at_all_impacts_is_measured_along_the_flights():
     """The rate of x is v, which is zero on both surfaces."""
     orbit = slipping(friction())
@@ -117,6 +118,7 @@ DAMPED_FILM = {
 }
 
 
+@pytest.mark.full
 def test_a_jump_that_takes_all_of_the_velocity_ends_what_is_physical():
     """A film takes H of the velocity: the body goes through where it comes with more."""
     model = read_scene(DAMPED_FILM).model

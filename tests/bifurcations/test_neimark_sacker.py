@@ -33,6 +33,7 @@ def test_neimark_sacker_points(omega, r):
         assert all(abs(abs(complex(*mu)) - 1.0) < 1e-12 for mu in entry.multipliers)
 
 
+@pytest.mark.full
 def test_no_neimark_sacker_of_the_pair():
     """det M = r^(2N) < 1; and for r = 1 it is one everywhere, within rounding."""
     for r in (0.3, 1.0):
@@ -56,6 +57,7 @@ def test_a_start_next_to_grazing_does_not_freeze():
     assert {end.kind.name for end in branch.ends} == {"RANGE"}
 
 
+@pytest.mark.full
 def test_nothing_is_missed_where_an_orbit_is_born_with_an_impact_at_rest():
     """There multipliers are quotients of rounding; det M = exp(-c T) < 1 all along the branch."""
     scene = {

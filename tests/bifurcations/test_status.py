@@ -56,6 +56,7 @@ def test_the_grazing_without_rebound_against_its_closed_form():
 
 
 @pytest.mark.parametrize("r", [0.0, 1e-16, 1e-12, 1e-10, 1e-8, 1e-6])
+@pytest.mark.full
 def test_the_grazing_of_a_ball_that_hardly_rebounds(r):
     """The touch lies within sqrt(r) of the impact before it; its gap ends just beyond its zero.
 
@@ -96,6 +97,7 @@ def test_a_change_that_no_event_explains_is_said():
     assert min(asked) < 1e-9  # the grazing 2:1 -> 3:1 of Fig. 7
 
 
+@pytest.mark.full
 def test_what_was_not_asked_for_is_not_missed():
     model = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.34)
     for kinds in ((), ("FB",), ("PD", "FB")):
@@ -123,7 +125,7 @@ def test_beside_a_zero_velocity_the_verdict_is_not_rounding(step):
 
 @pytest.mark.parametrize("kind", ["G", "PD", "V"])
 @pytest.mark.parametrize("nudge", [-3e-16, 0.0, 3e-16])
-@pytest.mark.quick(1)
+@pytest.mark.full
 def test_an_event_on_a_limit_is_found_at_both_ends(kind, nudge):
     model = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.34)
     values = {

@@ -61,7 +61,7 @@ def find(diagram, label, branch_notation):
         ("fig8", "~G[2:1->2:2]", "2:1", 0.11477162872),
     ],
 )
-@pytest.mark.quick(4)
+@pytest.mark.full
 def test_everything_follows_from_the_1_1_orbit(request, name, label, notation, d):
     values = [e.parameters["d"] for e in find(request.getfixturevalue(name), label, notation)]
     # the reference values have eleven digits
@@ -148,6 +148,7 @@ def test_no_branch_is_followed_twice(fig7):
         seen.setdefault(key, set()).add(here)
 
 
+@pytest.mark.full
 def test_a_zero_velocity_leads_back_to_the_grazing_branch():
     """The V of 2:1 is the G of 1:1: a meeting, with the same parameter value."""
     diagram = follow(

@@ -112,6 +112,7 @@ def test_an_unfolded_pitchfork_is_no_branch_point(how, kernel_cache):
     assert counts["near misses"] == len(sizes)
 
 
+@pytest.mark.full
 def test_the_user_is_told_of_a_near_miss(kernel_cache):
     (branch,) = branches(level(beta=1e-12))
     (note,) = branch.notes
@@ -131,7 +132,7 @@ def test_an_unfolding_below_the_error_of_nu_is_a_branch_point_and_says_so(kernel
 
 @pytest.mark.parametrize("size", [1e-13, 1e-10, 1e-7])
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
-@pytest.mark.quick(1)
+@pytest.mark.full
 def test_the_fold_beside_an_unfolded_pitchfork(size, sign, kernel_cache):
     """It is real, and moves away with the power 2/3 of the unfolding."""
     folds = []

@@ -147,6 +147,7 @@ def test_a_wrong_statement_is_rejected_there(diagram, values, clause):
     assert rejections(changed(diagram, 0, **values)) == {"e1": clause}
 
 
+@pytest.mark.full
 def test_a_flipped_flag_is_no_gap_of_the_branch(diagram, proven):
     """The event is there, and its entry says where: only what it says of its orbit is rejected."""
     flipped = changed(diagram, 0, ghost=False)
@@ -157,6 +158,7 @@ def test_a_flipped_flag_is_no_gap_of_the_branch(diagram, proven):
     assert found.complete
 
 
+@pytest.mark.full
 def test_an_entry_of_other_parameters_does_not_count(diagram, proven):
     other = changed(diagram, 1, parameters={"g": 9.8 * (1.0 + 2.0**-52)})
     (branch,) = other.branches
@@ -401,6 +403,7 @@ def test_a_scene_says_what_is_proven():
             scene(certify=table)
 
 
+@pytest.mark.full
 def test_the_report_says_what_proofs_cost():
     from contimpact.accuracy.report import _proof_table
     from contimpact.accuracy.report import measure_certificates as measured

@@ -51,7 +51,7 @@ def test_the_infinite_multiplier_of_a_contact_that_lasts_is_the_events_own():
 
 
 @pytest.mark.parametrize("kind", ["G", "V"])
-@pytest.mark.quick(1)
+@pytest.mark.full
 def test_where_sliding_vanishes_multipliers_are_those_without_it(kind):
     """Of the belt: a touch of S, beside which C lies on the same surface, and the V of SP."""
     (entry,) = (e for e in load_entries(ROOT / "branches" / "belt") if e.kind == kind)

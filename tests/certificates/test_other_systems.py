@@ -148,7 +148,7 @@ def test_a_contact_that_comes_to_rest_is_no_missing_event():
 
 
 @pytest.mark.parametrize("name", ["bouncing_ball", "two_stops"])
-@pytest.mark.quick(1)
+@pytest.mark.full
 def test_branches_are_complete(name):
     found = proven(name)
     assert found.branches
@@ -216,6 +216,7 @@ def test_sizes_of_unknowns_are_those_of_the_whole_branch():
     assert np.min(np.abs(points[:, 2])) < 0.25 * found[2]
 
 
+@pytest.mark.full
 def test_long_flights_take_few_cells(monkeypatch):
     """A ball that flies over two periods: rates enclosed on a whole flight are far too large."""
     diagram, calls = diagram_of("bouncing_ball"), []
@@ -244,6 +245,7 @@ def test_wrong_statements_are_rejected_where_they_are(name):
         assert certify_entry(more).clause == "stability"
 
 
+@pytest.mark.full
 def test_deleted_and_invented_events_are_found():
     diagram, found = diagram_of("bouncing_ball"), proven("bouncing_ball")
     certificates = {c.id: c for c in found.entries}

@@ -32,6 +32,7 @@ def called(files, *options):
     return main(["fit", str(files / "scene.toml"), str(files / "data.csv"), *options])
 
 
+@pytest.mark.full
 def test_a_fit_is_printed_and_drawn(files, capsys):
     target = files / "fit.png"
     assert called(files, "--parameter", "r", *GIVEN, "-o", str(target)) == 0
@@ -42,6 +43,7 @@ def test_a_fit_is_printed_and_drawn(files, capsys):
     assert target.read_bytes()[:4] == b"\x89PNG"
 
 
+@pytest.mark.full
 def test_what_is_not_determined_is_a_failure(files, capsys):
     assert called(files, "--parameter", "A", "--parameter", "M", "--orbit", "1:1") == 1
     assert "do not determine A and M apart" in capsys.readouterr().out
@@ -58,6 +60,7 @@ def test_a_format_that_is_none_is_refused_first(files, capsys):
     assert "'txt'; accepted are svg, png, pdf" in capsys.readouterr().err
 
 
+@pytest.mark.full
 def test_the_picture_has_a_point_for_each_number(files):
     scene = ci.load_scene(files / "scene.toml")
     found = ci.fit(scene.model, "1:1", files / "data.csv", ["r"])

@@ -73,6 +73,7 @@ def test_the_second_direction_is_kept_as_well(orbit, whole):
     assert lies_on(branch, whole)
 
 
+@pytest.mark.full
 def test_no_event_beyond_the_last_point(orbit, monkeypatch):
     """An interruption between the location of an event and the end of its step."""
     from contimpact.continuation import walk
@@ -166,7 +167,7 @@ def stopped_at(marker, times=1):
 
 
 @pytest.mark.parametrize("marker", ["b1", "b2", "b3"])
-@pytest.mark.quick(1)
+@pytest.mark.full
 def test_a_diagram_keeps_the_branch_under_way(marker):
     """Those before it are whole; nothing is followed after it."""
     whole = follow(read_scene(SCENE))

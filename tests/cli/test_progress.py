@@ -146,6 +146,7 @@ def test_the_thread_ends_and_the_log_is_left_as_it_was(capsys):
 # Of the commands
 
 
+@pytest.mark.full
 def test_kernels_being_derived_are_named(run, scene, tmp_path, monkeypatch):
     monkeypatch.setenv("CONTIMPACT_CACHE", str(tmp_path / "cold"))
     monkeypatch.setattr(progress, "PAUSE", 0.02)
@@ -158,6 +159,7 @@ def test_kernels_being_derived_are_named(run, scene, tmp_path, monkeypatch):
     assert "generating" not in out
 
 
+@pytest.mark.full
 def test_run_tells_its_stages(run, scene, tmp_path, monkeypatch):
     monkeypatch.setattr(progress, "PAUSE", 0.0005)
     path = scene(range="[0.3, 0.39]")
@@ -185,6 +187,7 @@ def test_simulate_tells_its_stages(run, scene, tmp_path, monkeypatch):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
+@pytest.mark.full
 def test_a_log_file_is_filled_as_work_goes_on(tmp_path, scene):
     """Of a run in another process: lines can be read before it ends, on both streams."""
     endless = scene("endless")
@@ -228,6 +231,7 @@ def test_a_log_file_is_filled_as_work_goes_on(tmp_path, scene):
 # Several scenes
 
 
+@pytest.mark.full
 def test_bad_scenes_are_named_and_the_others_run(run, scene, tmp_path):
     good, late = scene("good"), scene("late", range="[0.387, 0.39]")
     bad = scene("bad", r="3")
@@ -248,6 +252,7 @@ def test_bad_scenes_are_named_and_the_others_run(run, scene, tmp_path):
     assert out.count("written to") == 2
 
 
+@pytest.mark.full
 def test_one_scene_left_of_two_is_in_its_own_folder(run, scene, tmp_path):
     assert run("run", scene("bad", r="3"), scene("good"), "-o", tmp_path / "out", "-q")[0] == 2
     assert (tmp_path / "out" / "good" / "manifest.json").exists()
@@ -313,6 +318,7 @@ def test_an_interruption_while_tables_are_written_leaves_pictures_out(
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
+@pytest.mark.full
 def test_an_interruption_while_drawing_leaves_at_once(run, scene, tmp_path, monkeypatch):
     """Pictures that are whole stay; the manifest is written and knows them."""
     from contimpact.plots import diagram
@@ -419,6 +425,7 @@ def test_a_simulation_interrupted_while_drawing(run, scene, tmp_path, monkeypatc
     assert (folder / "attractors.png").exists()
 
 
+@pytest.mark.full
 def test_drawing_a_folder_tells_what_it_does(tmp_path, monkeypatch):
     """Each branch of the page is named; so is what comes before and what a picture needs."""
     (tmp_path / "scene.toml").write_text(SMALL, encoding="utf-8")

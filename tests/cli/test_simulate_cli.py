@@ -150,6 +150,7 @@ def test_periods_of_transitions_are_whole_numbers():
 
 
 @pytest.mark.parametrize("drawing", [False, True])
+@pytest.mark.full
 def test_an_interruption_is_named_with_its_place(
     drawing, scene_file, tmp_path, monkeypatch, capsys
 ):

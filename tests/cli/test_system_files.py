@@ -162,6 +162,7 @@ def plugin(tmp_path, monkeypatch):
     sys.modules.pop("balls", None)
 
 
+@pytest.mark.full
 def test_a_plugin_is_a_system_like_the_packages_own(folder, plugin):
     plugin("my-ball = balls:BouncingBall")
     assert system("my-ball").__module__ == "balls"

@@ -393,7 +393,7 @@ def test_names_that_a_terminal_does_not_know(tmp_path):
 
 
 @pytest.mark.parametrize("backend", ["nonsense", "module://nowhere", "\x1b[31m", "TkAgg"])
-@pytest.mark.quick(1)
+@pytest.mark.full
 def test_backends_that_do_not_exist(folder, backend):
     said = python("plot", str(folder), MPLBACKEND=backend)
     progress = rb"[\w-]+, \d+ s: \w+"  # which a slow machine tells

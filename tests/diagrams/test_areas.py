@@ -81,6 +81,7 @@ def test_borders_are_the_curves(diagram):
     assert lines == 2
 
 
+@pytest.mark.full
 def test_mechanisms(diagram):
     """Onto an unstable orbit that turns at a fold: the second; after a doubling: the last two."""
     shown = {tuple(ends(area)): area.orbits for area in diagram.areas}
@@ -137,6 +138,7 @@ def test_random_runs_agree(diagram):
     assert not disagreeing(diagram, 20)
 
 
+@pytest.mark.full
 def test_runs_next_to_borders_agree(diagram):
     """As near as a millionth of the rectangle's side."""
     assert not disagreeing(diagram, 6, 1e-5)

@@ -134,6 +134,7 @@ def waves(seed, number=6):
 
 
 @pytest.mark.parametrize("seed", range(2))
+@pytest.mark.full
 def test_random_waves(seed):
     """Cells are found by their content; polygons fill the square, each point in one alone."""
     functions = waves(seed)

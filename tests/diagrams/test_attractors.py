@@ -392,6 +392,7 @@ needs_compiler = pytest.mark.skipif(COMPILER is None, reason="motions are steppe
 
 
 @needs_compiler
+@pytest.mark.full
 def test_brute_force_finds_the_bouncing_ball_of_period_one(tmp_path):
     """Impacts once in a period have the velocity -g T/(1 + r) against the table."""
     values = {"a": 0.0025, "omega": 50.0, "r": 0.8, "g": 9.8}

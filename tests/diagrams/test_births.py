@@ -70,6 +70,7 @@ def grazing():
     return curve_with("PD", "PD-G", 0.7)
 
 
+@pytest.mark.full
 def test_the_fold_of_the_doubled_orbit_at_a_gpd(turning):
     entry, point = turning
     found = born(entry, point)

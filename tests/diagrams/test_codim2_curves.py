@@ -67,7 +67,7 @@ def in_beta(panel, entry, point, **given):
 
 @pytest.mark.parametrize("kind", ["PD", "G"])
 @pytest.mark.parametrize("panel", list(PANELS))
-@pytest.mark.quick(1)
+@pytest.mark.full
 def test_one_curve_through_all_published_crossings(panel, kind):
     entry, curve, _ = curve_at(panel, kind)
     wanted = {n * math.pi / 18: place for n, place in CROSSINGS[panel].items()}
@@ -104,6 +104,7 @@ def test_as_on_a_curve_at_another_angle(kind, name, angles, which, tolerance):
 
 
 @pytest.mark.parametrize("name", ["PD-G", "GPD"])
+@pytest.mark.full
 def test_jacobian_against_differences(name):
     values = {"PD-G": ("s", "PD", 0.5, 0.5), "GPD": ("s", "PD", math.pi / 3, 0.85)}[name]
     panel, kind, beta, r = values
@@ -177,6 +178,7 @@ def test_a_scene_follows_each_point_once(tmp_path):
     assert min(curve["r"].min() for curve in again.curves) == 0.0
 
 
+@pytest.mark.full
 def test_what_is_refused():
     entry, curve, _ = curve_at("A", "PD")
     point = point_of(curve, "PD-G")

@@ -105,7 +105,7 @@ def test_curves_of_doubled_orbits(covered):
     assert any(end == pytest.approx(place, rel=1e-12) for end in ends)
 
 
-@pytest.mark.full
+@pytest.mark.slow
 def test_branches_that_lines_switch_to():
     """With `switch`, entries of the doubled orbit are met on lines as well."""
     given = map_of(math.pi / 3, cover=1)
@@ -173,7 +173,7 @@ def test_each_curve_once(covered):
     assert compared == len(diagram.curves) > 1
 
 
-@pytest.mark.full
+@pytest.mark.slow
 def test_a_map_without_an_orbit_at_its_own_value():
     """At s = 0.5 m there is no 2:1 orbit at A = 7 and r = 0.5."""
     diagram = follow(map_of(math.pi / 6, word="2:1", cover=1))

@@ -232,7 +232,7 @@ def test_a_crisis_met_twice_is_one_entry(crisis):
     assert found.statistics["notes"] == ["no crisis: for a reason"]
 
 
-@pytest.mark.full
+@pytest.mark.slow
 def test_a_crisis_of_an_orbit_on_no_branch_is_in_the_notes(swept):
     (found,) = find_crises(swept, Diagram("none", []))
     assert isinstance(found, Crisis)
@@ -272,6 +272,7 @@ def test_an_end_without_a_crisis_has_the_event_of_the_motion_that_takes_over(val
     assert not add_crises(Diagram("none", []), [end]).statistics["notes"]
 
 
+@pytest.mark.full
 def test_an_end_in_a_cascade_has_the_event_of_the_orbit_that_was_doubled():
     model = ImpactPair(beta=math.pi / 3, r=0.3, A=5.0, s=0.42)
     found = sweep(model, "s", [0.42, 0.415])
@@ -289,13 +290,14 @@ def test_a_scene_needs_branches():
         scene(simulate={"range": [0.35, 0.36], "crises": True})
 
 
-@pytest.mark.full
+@pytest.mark.slow
 def test_a_tangency_without_a_grazing_is_the_crisis(interior):
     """From the orbit's manifold alone, without an attractor."""
     near = locate_tangencies(at(interior.orbit, interior.value + 1e-5), starts=32)
     assert min(abs(t.value - interior.value) for t in near) <= 1e-12
 
 
+@pytest.mark.full
 def test_a_homoclinic_tangency_is_the_crisis():
     first = locate_tangencies(unstable(0.3556), starts=6)[0]
     assert abs(first.value - FIG7) <= first.error < 1e-12
@@ -360,6 +362,7 @@ def mirror_images(simulator, orbit):
     return [settle(simulator, simulator.state(wall, time + d, velocity)) for d in (1e-4, -1e-4)]
 
 
+@pytest.mark.full
 def test_two_complex_attractors_of_one_notation_are_two(symmetric):
     """As many as there are notations where the mirror images have two; else by their impacts."""
     simulator = Simulator(symmetric.model)
@@ -380,7 +383,7 @@ def merging(symmetric):
     return found
 
 
-@pytest.mark.full
+@pytest.mark.slow
 def test_mirror_images_merge_without_a_grazing(merging):
     """Simulated on both sides: before, motion keeps to one side of the symmetric orbit; beyond, as
     many impacts are on either wall."""
@@ -495,6 +498,7 @@ def assert_two_connections_meet(crisis):
     assert singular[-1] < 1e-9 * singular[-2]
 
 
+@pytest.mark.full
 def test_refusals():
     for count in (0, 2.5):
         with pytest.raises(InputError, match=rf"impacts: found {count}; give a whole number > 0"):

@@ -139,7 +139,7 @@ def agreement(beta, count, seed):
 
 
 @pytest.mark.parametrize("name", ANGLES)
-@pytest.mark.quick(1)
+@pytest.mark.full
 def test_curves_agree_with_one_parameter_runs(name):
     assert agreement(ANGLES[name], 4, seed=1) < 1e-9
 
@@ -154,7 +154,7 @@ def test_curves_agree_with_one_parameter_runs_at_fifty_values(n):
     ("beta", "d", "r"),
     [(math.pi / 9, 0.205889307, 0.295513665), (math.pi / 6, 0.229925231, 0.185725166)],
 )
-@pytest.mark.quick(1)
+@pytest.mark.full
 def test_doubling_meets_grazing(beta, d, r):
     """Located on both curves, and confirmed by one-parameter runs on either side."""
     model = ImpactPair(beta=beta, r=0.5, A=5.0, s=0.4)
@@ -473,6 +473,7 @@ def test_curves_that_share_their_ends_alone_are_two():
     assert not same_curve(one, dataclasses.replace(other, columns=nearly), problem)
 
 
+@pytest.mark.full
 def test_heights_between_points():
     """Cubics through four points are a hundred times as near as lines where a curve bends."""
     model = ImpactPair(beta=math.pi / 6, r=0.5, A=5.0, s=0.4)

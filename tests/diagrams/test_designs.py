@@ -74,6 +74,7 @@ def test_the_margin_is_kept_and_named(found):
     )
 
 
+@pytest.mark.full
 def test_prices_are_slopes_of_the_trade_off(design):
     low, high = (one.value for one in design.trade_off)
     (price,) = (one.price for one in design.best.active if not one.name.startswith("bound"))
@@ -86,6 +87,7 @@ def test_prices_are_slopes_of_the_trade_off(design):
 @pytest.mark.parametrize(
     ("at", "kinds"), [("2:1, start 1", []), ("margin 1.01", ["best", "margin"])]
 )
+@pytest.mark.full
 def test_what_was_found_before_an_interruption_is_kept_and_marked(at, kinds):
     """The keyboard interrupts at a line of progress."""
 

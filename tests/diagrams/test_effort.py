@@ -97,6 +97,7 @@ MODES = pytest.mark.parametrize("mode", ["never", pytest.param("always", marks=C
 @pytest.mark.parametrize(
     "kinds", [("FB",), ("FB", "BP"), ("V",), ("T",), ("FB", "BP", "V", "T")], ids="+".join
 )
+@pytest.mark.full
 def test_kinds_of_which_no_event_lies_there_cost_nothing(effort, mode, kinds, steps):
     """The status changes at a PD and at a G that nobody asked for: neither is looked for."""
     none, some = effort(mode, (), steps), effort(mode, kinds, steps)
@@ -117,6 +118,7 @@ def test_evaluations_of_a_point_in_fixed_steps(effort, mode):
 
 @MODES
 @pytest.mark.parametrize("kinds", [("PD",), ("G",), ("PD", "G"), ALL], ids="+".join)
+@pytest.mark.full
 def test_evaluations_of_an_event(effort, mode, kinds):
     """Every test function once a point; what is located costs alike, whatever is asked besides."""
     none, some = effort(mode, ()), effort(mode, kinds)

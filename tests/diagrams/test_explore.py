@@ -58,6 +58,7 @@ def test_every_change_of_physicality_is_an_event():
     assert passing == 4
 
 
+@pytest.mark.full
 def test_rotated_words_are_one():
     assert len(follow(small(orbits=["BT", "TB"])).branches) == len(follow(small()).branches)
 
@@ -68,6 +69,7 @@ def limited(**follow_keys):
     return {limit.key: limit for limit in found.limits}, found
 
 
+@pytest.mark.full
 def test_orbits_that_max_branches_leaves_out_are_reported():
     """All words are looked for; what is found and not followed is named, with the word."""
     whole, every = limited(orbits=["1:1", "1:1/2T"])
@@ -143,6 +145,7 @@ def test_a_word_with_unphysical_orbits_at_the_start_is_looked_for_elsewhere():
         unphysical_at_start([0.2, 0.26])
 
 
+@pytest.mark.full
 def test_an_unphysical_orbit_that_is_given_is_followed():
     """From Python an orbit is followed as it is, unless it is asked otherwise."""
     model = Oscillator(a=0.5, omega=1.5, c=0.1, k=1.0, sigma=0.25, r=0.7)
@@ -156,6 +159,7 @@ def test_an_unphysical_orbit_that_is_given_is_followed():
     assert beyond.ends[1].kind.name == "UNPHYSICAL"
 
 
+@pytest.mark.full
 def test_events_that_limits_leave_unswitched_are_named():
     """By the budget of branches, and by the depth."""
     for keys, key in (({"max_branches": 1}, "follow.max_branches"), ({"depth": 0}, "follow.depth")):
@@ -176,6 +180,7 @@ def test_branches_that_a_limit_of_points_ends_are_named():
     assert ("b1", 1) in limit.left_out
 
 
+@pytest.mark.full
 def test_a_search_that_rounds_end_says_so():
     """After one round that found orbits another one might find more."""
     cut, _ = limited(orbits=["1:1"])
@@ -202,7 +207,7 @@ def test_a_survey_is_told_from_none_and_from_one_cut_short(tmp_path):
 
 
 @pytest.mark.parametrize("max_step", [0.015, 0.03])
-@pytest.mark.quick(1)
+@pytest.mark.full
 def test_grazing_of_the_3_1_orbit_of_fig7(max_step):
     scene = load_scene(FIG7)
     settings = dataclasses.replace(scene.settings, max_step=max_step)
@@ -213,6 +218,7 @@ def test_grazing_of_the_3_1_orbit_of_fig7(max_step):
 
 
 @pytest.mark.parametrize(("rounds", "searched"), [(1, "1 round of"), (8, "2 rounds of")])
+@pytest.mark.full
 def test_what_was_searched_is_told(rounds, searched):
     """The search ends after two rounds that find nothing."""
     given = {**SMALL, "numerics": {"starts": 8, "rounds": rounds}}
@@ -258,6 +264,7 @@ def test_a_survey_follows_words_without_an_orbit_at_the_start():
     assert bool(passes) != bool(diagram.statistics["not_found"])
 
 
+@pytest.mark.full
 def test_interrupted_before_words_were_looked_for_elsewhere():
     """What was not looked for is not said to be missing."""
 
@@ -289,6 +296,7 @@ def test_a_survey_for_named_words_finds_the_second_stable_range_of_1_1():
 
 
 @pytest.mark.parametrize("survey", [False, True])
+@pytest.mark.full
 def test_a_scene_is_refused_if_none_of_its_words_has_an_orbit(survey):
     given = {**SMALL, "numerics": {"starts": 8}}
     parameters = {**SMALL["model"]["parameters"], "s": 1.04}
@@ -327,6 +335,7 @@ def test_only_repetitions_of_a_shorter_orbit_are_called_so():
     assert "but repetitions of 1:1 was found" in diagram.statistics["notes"][-1]
 
 
+@pytest.mark.full
 def test_a_branch_of_repetitions_is_followed_once_and_called_so():
     """(3:2)/2T grazes in one of its periods only, and becomes 2:1 run twice."""
     orbits = {"orbits": ["BBTBT/2T"], "range": [0.32, 0.345], "switch": ["G"]}

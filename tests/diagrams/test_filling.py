@@ -51,6 +51,7 @@ def test_splines_keep_as_near_as_asked(doubling, within):
     assert np.all(np.diff(filled["arclength"]) > 0.0)
 
 
+@pytest.mark.full
 def test_no_more_points_are_put_than_it_takes(doubling):
     near, nearer = (
         follow_curve(doubling, None, "r", *RANGES, settings=COARSE, within=within)

@@ -39,6 +39,7 @@ def test_a_requested_gap_keeps_its_value(orbit):
     assert {4.0, 7.0} <= set(curve["A"])
 
 
+@pytest.mark.full
 def test_an_isoline_against_one_parameter_runs(orbit):
     wanted = [0.2, 0.5]
     curve = follow_isoline(orbit, speed, second="r", ranges=RANGES, values=wanted, label="speed")
@@ -53,6 +54,7 @@ def test_an_isoline_against_one_parameter_runs(orbit):
         assert min(abs(e.value - curve["s"][i]) for e in events for i in rows) < 1e-10
 
 
+@pytest.mark.full
 def test_another_value_next_to_the_orbit(orbit):
     curve = follow_isoline(orbit, speed, second="r", ranges=RANGES, value=1.02 * speed(orbit))
     assert np.abs(curve["v1"]) == pytest.approx(1.02 * speed(orbit), rel=1e-12)

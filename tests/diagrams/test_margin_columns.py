@@ -37,6 +37,7 @@ def diagram():
     return ci.follow(SCENE)
 
 
+@pytest.mark.full
 def test_along_a_branch_it_is_the_distance_to_the_catalogues_events(diagram):
     """The 1:1 ends at its PD, the 2:1 at its FB or at the grazing below the range."""
     wider = {**SCENE, "follow": {**SCENE["follow"], "range": [0.2, 0.4]}, "plot": {}}
@@ -75,6 +76,7 @@ def test_rows_in_several_parameters_are_those_of_a_single_search():
     assert branch["margin_event"][0] == found.nearest.label
 
 
+@pytest.mark.full
 def test_files_hold_them(diagram, tmp_path):
     branch = diagram.branches[-1]
     ci.save(branch, tmp_path / "one.csv")
@@ -84,6 +86,7 @@ def test_files_hold_them(diagram, tmp_path):
     assert np.isinf(branch["margin"]).any()
 
 
+@pytest.mark.full
 def test_stretches_of_small_margins_are_shaded(diagram):
     """They end where the margin is the one stated, between rows linearly."""
     ax = ci.plot_diagram(diagram, margin=1.0)
@@ -138,7 +141,7 @@ def test_refusals(changes, where):
         ci.read_scene(given)
 
 
-@pytest.mark.full
+@pytest.mark.slow
 def test_the_largest_along_the_orbit_is_a_quantity_of_studies(tmp_path):
     """In one parameter it is the distance to the nearer end of the stable interval, of that row at
     which it is largest."""
@@ -164,6 +167,7 @@ def test_the_largest_along_the_orbit_is_a_quantity_of_studies(tmp_path):
         read_study({**given, "study": {**study, "keep": []}})
 
 
+@pytest.mark.full
 def test_diagrams_without_margins_have_nothing_to_shade(diagram):
     branch = ci.continue_orbit(diagram.branches[0].orbit(-1), "s", (0.39, 0.4), events=[])
     with pytest.raises(ci.InputError, match="no branch has margins"):

@@ -56,7 +56,7 @@ def margins():
 @pytest.mark.parametrize(
     ("label", "count"),
     [
-        *((label, 15) for _, _, label in CASES),
+        *(pytest.param(label, 15, marks=pytest.mark.full) for _, _, label in CASES),
         *(pytest.param(label, 1000, marks=pytest.mark.slow) for _, _, label in CASES),
     ],
 )
@@ -73,6 +73,7 @@ def test_nothing_is_crossed_within_the_margin(margins, label, count):
 
 
 @pytest.mark.parametrize("label", [label for _, _, label in CASES])
+@pytest.mark.full
 def test_distances_are_nearest_on_their_surfaces(margins, label):
     """At each event: the multiplier or the gap, and the direction at right angles to its surface,
     whose slopes the event's sensitivities are."""
@@ -98,6 +99,7 @@ def test_distances_are_nearest_on_their_surfaces(margins, label):
         assert abs(normal @ list(event.direction.values())) == pytest.approx(1.0, abs=1e-12)
 
 
+@pytest.mark.full
 def test_of_one_parameter_it_is_the_branchs_event():
     orbit = stable("1:1", 0.45)
     branch = ci.continue_orbit(orbit, "s", range=(0.2, 1.05))
@@ -152,6 +154,7 @@ def entries():
 
 @pytest.mark.parametrize("kind", ["FB", "PD", "G"])
 @pytest.mark.parametrize("parameter", ["r", "A"])
+@pytest.mark.full
 def test_sensitivities_of_events_and_margins_in_thirty_digits(entries, kind, parameter):
     entry, values = entries[kind], []
     orbit = entry.orbit()

@@ -66,7 +66,7 @@ def compare(cyclic, dense):
 
 @pytest.mark.parametrize("predictor", ["tangent", "secant"])
 @pytest.mark.parametrize("word", ["BT", "BBT", "BTBT", "B", "BBTT"])
-@pytest.mark.quick(1)
+@pytest.mark.full
 def test_walks_of_the_pair(pair, word, predictor):
     """Fixed steps: rounding does not change how long the next one is."""
     settings = Settings(step=0.01, max_step=0.01, max_angle=1.0, predictor=predictor)
@@ -75,6 +75,7 @@ def test_walks_of_the_pair(pair, word, predictor):
             compare(*both(orbit, direction, (0.2, 0.6), settings))
 
 
+@pytest.mark.full
 def test_walks_where_the_period_changes(oscillator):
     """The arrival of the last flight moves with the forcing period."""
     settings = Settings(step=0.005, max_step=0.005, max_angle=1.0)
@@ -83,6 +84,7 @@ def test_walks_where_the_period_changes(oscillator):
         compare(*both(orbit, 1, (0.9 * value, 1.1 * value), settings))
 
 
+@pytest.mark.full
 def test_requested_values_are_among_the_test_functions(pair):
     (orbit, *_) = find_orbits(pair(s=0.5), "BT", parameter="s")
     settings = Settings(step=0.01, max_step=0.01)

@@ -65,7 +65,7 @@ def test_branches_and_simulation_are_one_answer(fig7):
     assert any("not surveyed" in note for note in fig7.notes)
 
 
-@pytest.mark.full
+@pytest.mark.slow
 def test_what_simulation_from_random_starts_meets_is_listed(fig7):
     """At values apart from those of the sweep, and from starts of its own."""
     rng = np.random.default_rng(5)
@@ -133,6 +133,7 @@ def test_fractions_belong_to_motions(diagram):
     assert "2:1 on b2 (37 % of starts)" in repr(found)
 
 
+@pytest.mark.full
 def test_motion_lasts_as_far_as_random_starts_have_met_it(diagram):
     """The sweep steps over the fold of 2:1 at 0.356895 and the crisis at 0.355220."""
     rows = sweep(PAIR, "s", [0.36, 0.3575, 0.355])
@@ -173,6 +174,7 @@ def test_refusals():
     assert attractor_ranges(diagram, Sweep(PAIR, "s", [])).motions
 
 
+@pytest.mark.full
 def test_the_command(capsys, tmp_path):
     assert main(["range", str(ROOT / "branches/fig7"), "--at", "0.356"]) == 0
     printed = capsys.readouterr().out

@@ -26,7 +26,7 @@ def events_at(**changes):
 
 
 @pytest.mark.parametrize("parameter", ["r", "A"])
-@pytest.mark.quick(1)
+@pytest.mark.full
 def test_of_events(parameter):
     """Measured: 2e-9 of the value; the differences' own error is of that size."""
     here = events_at()

@@ -59,6 +59,7 @@ def test_the_attractor_of_a_soft_stop_is_found_by_a_single_start():
     assert orbit.residual < 1e-12
 
 
+@pytest.mark.full
 def test_motions_that_fly_on_do_not_end_the_search():
     """Of those from random states the first three settle below the stop; the fourth on CRCR/3T."""
     model = SoftStop(k=1.2534, c=0.0935, a=1.1291, e=0.5479, k_b=17.1697, c_b=0.2770, omega=1.8749)
@@ -95,6 +96,7 @@ def pair(s, orbits):
     )
 
 
+@pytest.mark.full
 def test_one_that_was_not_asked_for_is_reported():
     """1:1 is unstable there, and 2:1 stable: Fig. 7 of the paper."""
     (note,) = follow(pair(0.34, ["1:1"])).statistics["notes"]
@@ -105,11 +107,13 @@ def test_one_that_was_not_asked_for_is_reported():
     assert follow(pair(0.34, ["1:1", "2:1"])).statistics["notes"] == []
 
 
+@pytest.mark.full
 def test_a_scene_without_orbits_is_told_on_what_simulation_settles():
     with pytest.raises(ci.InputError, match="ask for BT, on which simulation settles there"):
         follow(pair(0.45, ["2:1"]))
 
 
+@pytest.mark.full
 def test_a_scene_without_orbits_is_told_that_motions_meet_no_stop():
     """Without impacts the amplitude is 1 / (omega^2 - 1) = 0.1, far below the stop at 0.9."""
     values = {"a": 1.0, "omega": 3.3, "c": 0.1, "k": 1.0, "sigma": 0.9, "r": 0.5}

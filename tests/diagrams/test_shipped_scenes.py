@@ -274,6 +274,7 @@ def test_no_event_is_found_twice(name):
 
 
 @pytest.mark.parametrize(("name", "values"), FIGURES)
+@pytest.mark.full
 def test_critical_values_of_the_figures(name, values):
     """All of them, with their labels, and on the simple orbits nothing else within the figure."""
     low, high = scene(name).plot.xlim

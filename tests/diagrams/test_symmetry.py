@@ -46,6 +46,7 @@ def test_a_doubled_orbit_ends_where_it_becomes_the_single_one(pair, s, events):
     assert grazing.value == pytest.approx(0.365318559016631, abs=1e-12)
 
 
+@pytest.mark.full
 def test_a_scene_says_what_a_doubled_orbit_became():
     options = {"switch": [], "depth": 0, "range": [0.3, 0.45]}
     at = {"parameters": {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.38}}
@@ -122,7 +123,7 @@ def turned_circle():
 
 @pytest.mark.parametrize("direction", [1, -1])
 @pytest.mark.parametrize("seed", range(40))
-@pytest.mark.quick(2)
+@pytest.mark.full
 def test_random_loops_close_where_they_do_and_nowhere_else(seed, direction):
     """A reflection turns the way back: a whole turn. Half a turn on, the same comes again."""
     rng, u = np.random.default_rng(seed), 0.0

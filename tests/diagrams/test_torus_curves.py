@@ -114,6 +114,7 @@ def _double_tests(kind):
     return kind_of(kind).codimension_two(Word("S", 1))
 
 
+@pytest.mark.full
 def test_it_begins_at_the_resonance():
     """Beside the R1 or R2 on the curve of folds or doublings the curve of NS is entered, and it is
     the one that was followed from an NS."""

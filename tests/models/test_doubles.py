@@ -133,6 +133,7 @@ def test_coefficients_of_forcings_are_doubles(text):
     assert (order, computed(cosine), computed(sine)) == (1, float(text), 0)
 
 
+@pytest.mark.full
 def test_events_are_those_of_the_double():
     """Zero velocity of the oscillator, in closed form."""
     given = {

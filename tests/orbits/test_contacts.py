@@ -50,7 +50,7 @@ def test_rigid_walls_have_none():
     assert math.isnan(orbit.mean("duration", contacts="B").value)
 
 
-@pytest.mark.full
+@pytest.mark.slow
 def test_columns(orbit):
     given = {
         "name": "contacts",

@@ -75,7 +75,7 @@ def test_velocities_alone_and_single_cells(two_one):
     assert found.freedom == 60 - 3
 
 
-@pytest.mark.quick(1)
+@pytest.mark.full
 @pytest.mark.parametrize("given", [True, False])
 def test_the_ellipse_of_95_percent_covers_the_truth(beside, two_one, given):
     """In 100 trials with noise; 89 to 99 is what a binomial count of 0.95 stays within in 99 %."""
@@ -119,6 +119,7 @@ def test_a_period_that_is_fitted():
     assert found.values == pytest.approx({"omega": 2.8, "r": 0.8, "clock": 0.7}, abs=1e-10)
 
 
+@pytest.mark.full
 def test_where_no_orbit_is_at_the_start_others_are_drawn(two_one):
     off = PAIR.replace(r=0.449, beta=0.304)
     assert ci.find_orbits(off, "2:1") == []

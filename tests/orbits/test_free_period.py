@@ -138,6 +138,7 @@ def test_random_periods_are_hit_within_their_errors():
     assert within == asked >= 190
 
 
+@pytest.mark.full
 def test_jacobian_and_second_derivatives_against_differences_of_many_digits():
     """Of an unknown that moves, and of all that move along a direction besides."""
     problem = problem_of(oscillator(), Word("SS", 0), Kernels(oscillator(), "c"))
@@ -293,7 +294,7 @@ def test_records_are_orbits_again(branch, tmp_path):
 
 
 @integrated
-@pytest.mark.full
+@pytest.mark.slow
 def test_van_der_pol():
     """Without the stop, period and amplitude are known to many digits; it is met at its amplitude,
     and the orbit with an impact continues it."""

@@ -74,7 +74,7 @@ def exact(orbit, parameter, value):
 
 
 @pytest.mark.parametrize("parameter", ["s", "A", "beta", "r", "omega"])
-@pytest.mark.quick(2)
+@pytest.mark.full
 def test_in_thirty_digits(orbit, parameter):
     """Measured: 3e-13 at most of the largest of each kind."""
     low, high = (orbit[parameter] + step for step in (-STEP, STEP))
@@ -111,6 +111,7 @@ def others():
 
 
 @pytest.mark.parametrize("number", range(4))
+@pytest.mark.full
 def test_of_other_systems_against_differences(number):
     model, word, expression, parameter = list(others())[number]
     if number == 3:

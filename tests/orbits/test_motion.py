@@ -45,6 +45,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("model", "word", "parameter", "rates", "within"), CASES)
+@pytest.mark.full
 def test_each_flight_obeys_the_equations_of_motion(model, word, parameter, rates, within):
     orbit = find_orbits(model, word, parameter=parameter)[0]
     count = max(len(orbit.times), 1)

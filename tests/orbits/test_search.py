@@ -239,6 +239,7 @@ def test_symmetric_orbits(pair, orbits, r, angle):
     assert np.prod(orbit.multipliers) == pytest.approx(r**4, rel=1e-13, abs=1e-15)
 
 
+@pytest.mark.full
 def test_symmetric_fold_and_symmetry_breaking(pair, orbits):
     """r = 0.3: [d_SB, d_FB] = [0.2270368473, 0.6249148931]."""
 
@@ -360,6 +361,7 @@ def same(found, other):
     )
 
 
+@pytest.mark.full
 def test_same_rng_same_orbits(pair, orbits):
     model = pair(d=0.12484, A=12.466, r=0.25)
     found = orbits(model, "2:1/2T", starts=64)
@@ -407,7 +409,7 @@ def test_other_rng_same_set(pair, orbits):
 
 
 @pytest.mark.parametrize("word", ["1:1/2T", "2:1/2T"])
-@pytest.mark.quick(1)
+@pytest.mark.full
 def test_the_first_impact_does_not_depend_on_the_search(pair, orbits, word):
     """Of the equal letters of a word the one hit fastest comes first, whatever the seed."""
     model = pair(d=0.233) if word == "1:1/2T" else pair(d=0.124, A=12.55, r=0.25)
@@ -509,6 +511,7 @@ def test_orbit_at_nowhere(pair, orbits, problem_of):
 
 
 @pytest.mark.parametrize("name", ["two_masses", "impact_duffing"])
+@pytest.mark.full
 def test_starts_are_evaluated_without_derivatives_by_parameters(name):
     """What a search asks of flights is the same to rounding as with all derivatives."""
     if name == "impact_duffing":

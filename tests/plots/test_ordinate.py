@@ -36,6 +36,7 @@ def test_no_line_runs_through_infinity():
 
 
 @pytest.mark.parametrize("y", ["moduli", "energy", "U_I", "U_T", "gap", "period", "t2", "residual"])
+@pytest.mark.full
 def test_every_quantity_is_drawn(fig7, y):
     ax = ci.plot_diagram(fig7, x="d", y=y, xlim=(0.13, 0.25))
     low, high = ax.get_ylim()
@@ -46,6 +47,7 @@ def test_every_quantity_is_drawn(fig7, y):
     assert ax.get_ylabel()
 
 
+@pytest.mark.full
 def test_a_function_of_the_branch(fig7):
     ax = ci.plot_diagram(fig7, y=lambda branch: {"slowest": abs(branch.velocities).min(axis=1)})
     assert ax.get_legend().get_texts()[0].get_text() == "slowest"
@@ -64,6 +66,7 @@ def test_a_scene_asks_for_a_quantity(tmp_path):
         ci.read_scene(stop)
 
 
+@pytest.mark.full
 def test_the_command_draws_a_quantity(fig7, tmp_path, capsys):
     ci.write_diagram(fig7, tmp_path)
     assert main(["plot", str(tmp_path), "-y", "multipliers", "-o", str(tmp_path / "m.svg")]) == 0

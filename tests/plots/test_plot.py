@@ -219,6 +219,7 @@ def test_status_changes_at_the_event(fig7):
         assert meeting == {"stable", "unstable"}
 
 
+@pytest.mark.full
 def test_walls_have_colours_of_their_own(fig7):
     ax = plot_diagram(fig7)
     colours = {to_hex(line.get_color()) for line in curves(ax)}
@@ -363,6 +364,7 @@ def test_any_column_on_the_x_axis(fig7, x):
         assert marks(ax)
 
 
+@pytest.mark.full
 def test_limits(fig7):
     ax = plot_diagram(fig7, x="d", xlim=(0.13, 0.25), ylim=(-1.0, 1.0))
     assert ax.get_xlim() == (0.13, 0.25)
@@ -605,6 +607,7 @@ def test_an_empty_diagram_can_be_drawn():
 
 
 @pytest.mark.parametrize("kind", ["E=5%", "a{b", "#", "$"])
+@pytest.mark.full
 def test_any_name_of_a_users_event_can_be_drawn(fig7, kind):
     branch = fig7.branches[0]
     event = dataclasses.replace(branch.events[0], kind=kind, label=kind)

@@ -80,6 +80,7 @@ def test_circles_are_the_sweep_along_which_the_drawn_axis_falls(simulation):
     assert "2:1" in named
 
 
+@pytest.mark.full
 def test_attractors_do_not_hide_branches(simulation):
     ax = pictures.plot_sweep(simulation.sweep, diagram=simulation.diagram)
     circles = [
@@ -94,6 +95,7 @@ def test_attractors_do_not_hide_branches(simulation):
 
 
 @pytest.mark.parametrize("with_branches", [True, False])
+@pytest.mark.full
 def test_the_legend_is_inside_the_figure(simulation, with_branches):
     diagram = simulation.diagram if with_branches else None
     ax = pictures.plot_sweep(simulation.sweep, diagram=diagram)
@@ -159,6 +161,7 @@ def test_no_orbit_hides_another(portrait):
     assert len({*colours, *pictures.style.COLOURS[:2]}) == len(colours) + 2
 
 
+@pytest.mark.full
 def test_a_portrait_names_all_parameters(simulation, portrait):
     simulator, attractor, others = portrait
     figure = portrait_figure(simulator, attractor, others)
@@ -170,6 +173,7 @@ def test_a_portrait_names_all_parameters(simulation, portrait):
     figure.draw_without_rendering()
 
 
+@pytest.mark.full
 def test_basins_name_value_and_starts(simulation, kernels_of):
     from contimpact.simulation.basins import basins
 

@@ -247,6 +247,7 @@ def test_the_file_names_what_is_fixed(tmp_path):
     assert (tmp_path / "curves.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.full
 def test_each_pair_of_parameters_has_its_picture(tmp_path):
     names = ["curves-s-r.png", "curves-s-A.png"]
     assert save_curves([IN_R, IN_A], tmp_path, ["png"], units=UNITS) == names

@@ -179,6 +179,7 @@ def test_the_scene_says_which_events_are_labelled():
 # Headings
 
 
+@pytest.mark.full
 def test_the_heading_gives_name_and_fixed_parameters(fig7):
     (text,) = [t.get_text() for t in plot_diagram(fig7).figure.texts if t.get_gid() == "heading"]
     assert text.startswith(r"fig7: $\beta$ = $\pi/6$ rad, $r$ = 0.3, $A$ = 5 N, $M$ = 0.1245 kg")
@@ -189,7 +190,7 @@ def test_the_heading_gives_name_and_fixed_parameters(fig7):
 @pytest.mark.parametrize(
     "name", ["<script>alert(1)</script>", "a\\b/c", "5 $ and 7 $", "$x_1$", "a\\$b", "end\\"]
 )
-@pytest.mark.quick(1)
+@pytest.mark.full
 def test_the_heading_shows_any_name_as_it_is(fig7, name):
     figure = plot_diagram(dataclasses.replace(fig7, name=name)).figure
     with matplotlib.rc_context({"svg.fonttype": "none"}):

@@ -232,6 +232,7 @@ def test_what_is_no_orbit_is_refused_with_what_would_do(orbit, live):
 # One order of arguments.
 
 
+@pytest.mark.full
 def test_entry_first_and_the_model_where_it_is_needed(live, orbit):
     entry, model = live["e1"], orbit.model
     born = [

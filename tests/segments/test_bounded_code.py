@@ -28,6 +28,7 @@ def bounds_as_objects(kernel, arguments):
 
 
 @pytest.mark.parametrize("name", MODELS)
+@pytest.mark.full
 def test_bounds_are_those_of_numbers_with_errors(name):
     model, parameter = MODELS[name]
     kernels = Kernels(model, parameter)

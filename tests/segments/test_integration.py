@@ -259,6 +259,7 @@ def test_flights_beside_those_that_do_not_stay_finite():
     assert found[:, ~without] == pytest.approx(expected[:, ~without], rel=1e-12)
 
 
+@pytest.mark.full
 def test_searches_find_the_same_side_by_side(monkeypatch):
     model = Pendulum(a=1.0, omega=1.2, c=0.1, sigma=0.3, r=0.8)
     together = find_orbits(model, "S", parameter="omega")

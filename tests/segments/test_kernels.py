@@ -283,6 +283,7 @@ def test_second_derivatives_of_the_oscillator(oscillator, exact, kernels_of, c):
 # Motion, setup, harmonics
 
 
+@pytest.mark.full
 def test_motion(pair, oscillator, exact, kernels_of):
     """Displacement, velocity and acceleration along a flight, as its end would have them.
 

@@ -95,7 +95,7 @@ def test_compiled_walks_are_the_same_to_the_last_bit(plain_and_compiled, word, p
 
 @needs_llvmlite
 @pytest.mark.parametrize("seed", range(12))
-@pytest.mark.quick(1)
+@pytest.mark.full
 def test_compiled_walks_are_the_same_for_random_parameters(plain_and_compiled, seed):
     rng = np.random.default_rng(seed)
     beta, r, s = rng.uniform(-1.5, 1.5), rng.choice([0.0, 1.0, rng.uniform()]), rng.uniform(0.1, 1)
@@ -249,6 +249,7 @@ def test_an_unknown_mode_is_refused(monkeypatch):
         module.mode()
 
 
+@pytest.mark.full
 def test_always_without_llvmlite_says_what_to_install(monkeypatch, tmp_path):
     monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
     monkeypatch.setenv("CONTIMPACT_CACHE", str(tmp_path))
@@ -355,6 +356,7 @@ def libraries(folder):
 @needs_llvmlite
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no linker")
 @pytest.mark.parametrize("damage", ["lost", "cut", "digest"])
+@pytest.mark.full
 def test_a_lost_or_damaged_library_is_linked_again(copied, plain_and_compiled, damage):
     for library in libraries(copied):
         if damage == "lost":
@@ -383,6 +385,7 @@ def test_a_broken_linker_does_no_harm(copied, plain_and_compiled, tmp_path, monk
 
 
 @needs_llvmlite
+@pytest.mark.full
 def test_a_cache_that_cannot_be_written(copied, plain_and_compiled, monkeypatch, caplog):
     """The code is kept for the process, in a place of its own."""
     codes = [path.read_bytes() for path in sorted(copied.glob("compiled-*.o"))]
@@ -404,6 +407,7 @@ def test_a_cache_that_cannot_be_written(copied, plain_and_compiled, monkeypatch,
     assert not list(copied.glob("compiled-*"))
 
 
+@pytest.mark.full
 def test_what_cannot_be_compiled_runs_plainly_on(empty_cache, monkeypatch, caplog):
     def fail(*given):
         raise RuntimeError("this LLVM does not know how")

@@ -216,6 +216,7 @@ def test_kernels_are_those_of_the_closed_form():
             assert flat(found) == pytest.approx(flat(truth), rel=2e-14, abs=1e-12)
 
 
+@pytest.mark.full
 def test_kernels_in_many_digits_are_those_of_floats():
     linear = LinearMasses(**two_masses().values)
     kernel = Kernels(linear, "omega").flight("A", "A")

@@ -108,7 +108,7 @@ def test_compiled_branches_are_the_same(plain_and_compiled, name):
 @pytest.mark.parametrize(
     "mode", ["never", pytest.param("always", marks=[needs_llvmlite, pytest.mark.slow])]
 )
-@pytest.mark.full
+@pytest.mark.slow
 def test_flights_too_stiff_to_be_followed_in_few_steps_are_judged(kernel_cache, monkeypatch, mode):
     """With c2 = 400 a flight would take more steps than there is room for."""
     monkeypatch.setenv("CONTIMPACT_COMPILED", mode)

@@ -93,6 +93,7 @@ def test_orbits_solve_its_equations_with_their_derivatives(problem):
 
 
 @pytest.mark.parametrize("mode", ["never", "always"])
+@pytest.mark.full
 def test_a_branch_is_followed_around_its_fold(problem, monkeypatch, mode):
     if mode == "always":
         pytest.importorskip("llvmlite", reason="needs contimpact[fast]")

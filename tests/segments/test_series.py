@@ -114,6 +114,7 @@ MODELS = {
 
 
 @pytest.mark.parametrize("name", MODELS)
+@pytest.mark.quick(3)
 def test_derivatives_of_flights_in_many_digits(ctx, name):
     """Written in floats, against differences of the same kernel in sixty digits.
 

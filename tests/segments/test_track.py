@@ -70,6 +70,7 @@ def test_a_zero_between_two_pieces_is_found_once_at_least():
     assert found == pytest.approx([1.0] * len(found))
 
 
+@pytest.mark.full
 def test_touches_of_several_modes():
     """A small fast motion on a slow one: all extrema of both coordinates, against a fine mesh."""
     model = masses(k2=900.0, sigma_1=0.9, sigma_2=0.8, c1=0.0, c2=0.0)

@@ -49,7 +49,7 @@ def simulated(orbit, deviation, motions, periods):
     return escapes, lasted
 
 
-@pytest.mark.full
+@pytest.mark.slow
 def test_rate_is_that_of_flights_in_closed_form(orbit):
     assert orbit.fluctuations(NOISE).margins[0].sigmas == pytest.approx(1.0, abs=0.01)
     found = ci.escape_rate(orbit, NOISE, motions=60, periods=20)

@@ -24,6 +24,7 @@ STICKING = {"a": 0.3, "omega": 0.3, "c": 0.1, "k": 1.0, "sigma": 0.1, "r": 0.3}
 
 
 @pytest.mark.parametrize("values", [OFTEN, STICKING], ids=["impacts", "chatter and sticking"])
+@pytest.mark.full
 def test_impacts_are_those_of_the_closed_form(values):
     runs = []
     for kind in (Oscillator, Integrated):
@@ -36,6 +37,7 @@ def test_impacts_are_those_of_the_closed_form(values):
     assert other.velocities == pytest.approx(one.velocities, abs=1e-11)
 
 
+@pytest.mark.full
 def test_a_pendulum_settles_on_the_stable_orbit():
     model = Pendulum(a=1.0, omega=0.8, c=0.1, sigma=1.0, r=0.8)
     found = ci.find_orbits(model, "S", parameter="omega", starts=20, rounds=2)
@@ -72,6 +74,7 @@ def test_a_flight_that_escapes_runs_away():
 
 
 @pytest.mark.parametrize("spring", ["x", "x**3"])
+@pytest.mark.full
 def test_motion_that_runs_away_is_left(spring):
     """Without forcing and damping an impact is as fast as the wall has left the body, which doubles
     the velocity: 2, 4, 8, ... until a million."""

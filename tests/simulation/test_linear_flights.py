@@ -145,6 +145,7 @@ def test_no_arrival_on_a_piece_is_missed(seed):
 
 @needs_llvmlite
 @pytest.mark.parametrize("name", MODELS)
+@pytest.mark.full
 def test_compiled_runs_are_the_same_to_the_last_bit(simulators, plain_and_compiled, name):
     simulator = simulators(name)
     for start in starts(simulator, 3, seed=1):
@@ -182,7 +183,8 @@ def test_what_is_not_resolved_is_left_to_the_automaton(simulators, monkeypatch):
 
 
 @needs_llvmlite
-@pytest.mark.parametrize("name", ["complex", "sticking", "hybrid, position"])
+@pytest.mark.parametrize("name", ["complex", "hybrid, position", "sticking"])
+@pytest.mark.quick(2)
 def test_many_runs_at_once_are_those_alone(simulators, plain_and_compiled, name):
     """In threads, some of them left to Python, and plainly."""
     simulator = simulators(name)
@@ -196,7 +198,7 @@ def test_many_runs_at_once_are_those_alone(simulators, plain_and_compiled, name)
 
 
 @needs_llvmlite
-@pytest.mark.full
+@pytest.mark.slow
 def test_basins_are_the_same_plain_and_on_any_number_of_cores(plain_and_compiled):
     """One of two masses with and without impacts, as each start alone has it."""
     simulator = Simulator(masses(omega=1.8, sigma_1=1.0, sigma_2=1.0))

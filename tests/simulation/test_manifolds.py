@@ -163,6 +163,7 @@ def test_the_tangency_of_fig_7_is_the_crisis():
     assert found == pytest.approx(FIG7, abs=1e-11)
 
 
+@pytest.mark.full
 def test_pictures(orbit, length):
     pytest.importorskip("matplotlib")
     ax = grow_manifold(orbit, length=0.5 * length).plot()
@@ -171,6 +172,7 @@ def test_pictures(orbit, length):
     assert [name.split(" manifold")[0] for name in names] == ["unstable", "stable"]
 
 
+@pytest.mark.full
 def test_the_end_of_a_curve_is_reported():
     """One side of 2:1 leads to the stable 2:1, in which it ends."""
     found = grow_manifold(saddle(), length=0.5)
@@ -178,6 +180,7 @@ def test_the_end_of_a_curve_is_reported():
     assert "it ends after" in found.shortfalls[0]
 
 
+@pytest.mark.full
 def test_refusals():
     orbit = saddle()
     for given in ({"length": 0.0}, {"spacing": math.nan}, {"length": "3"}):

@@ -12,7 +12,7 @@ from contimpact.simulation.simulator import Simulator
 from contimpact.systems.impact_pair import ImpactPair
 
 
-@pytest.mark.full
+@pytest.mark.slow
 def test_a_motion_that_passes_a_cycle_does_not_settle_on_it():
     """Just beyond a grazing of 3:1, where windows of period adding overlap."""
     pair = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.25646119172420084)

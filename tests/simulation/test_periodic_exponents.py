@@ -78,7 +78,7 @@ def many_digits(orbit, exact):
     return [mp.log(mu) for mu in mus], mp.log(abs(det))
 
 
-@pytest.mark.full
+@pytest.mark.slow
 def test_exponents_and_their_sum_against_many_digits():
     """Where rounding leaves both multipliers, one, or none; the sum is known throughout."""
     lost = []
@@ -140,7 +140,7 @@ def test_exponents_of_several_coordinates_against_many_digits(c, lost):
 
 
 @pytest.mark.parametrize("c", [4.0, 15.0, pytest.param(60.0, marks=pytest.mark.slow)])
-@pytest.mark.quick(1)
+@pytest.mark.full
 def test_exponents_of_any_motion_have_liouvilles_sum(c):
     """Also where the derivatives of flights are rounding."""
     orbit, simulator = stiff(c), Simulator(stiff(c).model)

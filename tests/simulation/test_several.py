@@ -201,6 +201,7 @@ def test_both_ways_to_the_derivative_agree():
         assert one == pytest.approx(other, abs=1e-10 * np.max(np.abs(one)))
 
 
+@pytest.mark.full
 def test_the_sum_of_the_exponents_is_what_impacts_and_damping_take():
     """Of complex motion: ln r^2 of each impact, and the trace of the damping over the time."""
     model = masses(omega=1.5)
@@ -237,6 +238,7 @@ def test_a_sweep_goes_from_orbit_to_orbit_and_has_all_coordinates():
     assert all(len(row) == len(columns) for row in rows)
 
 
+@pytest.mark.full
 def test_complex_motion_has_all_coordinates():
     simulator = Simulator(masses(omega=1.5))
     few = Settling(transient=20, periods=40, impacts=300)

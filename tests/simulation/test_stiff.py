@@ -102,6 +102,7 @@ def test_what_is_not_resolved_does_not_keep_clear():
             assert not flights.keeps_clear(x, -1.0 - 0.99 * size, math.inf)
 
 
+@pytest.mark.full
 def test_zeros_one_after_the_other_are_all_zeros():
     def function(t):
         return np.cos(400.0 * t) + 0.3 * t

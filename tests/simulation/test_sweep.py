@@ -175,6 +175,7 @@ def test_records_read_back_to_the_same_bits(settled):
 # Sweeps
 
 
+@pytest.mark.full
 def test_fig_7_downwards(pair, kernels_of):
     """1:1, 1:1/2T, complex, 2:1 from the fold on, 3:1, 4:1 and more as d falls."""
     model = pair()
@@ -211,6 +212,7 @@ def test_fig_7_upwards_shows_hysteresis(pair, kernels_of):
     assert first_down <= last_up < 0.356895277
 
 
+@pytest.mark.full
 def test_fig_8_upwards_in_A(pair, kernels_of):
     """1:1 to 2:1 by grazing, the doubling to 2:1/2T, then more complicated motion."""
     model = pair(r=0.25, s=0.5)
@@ -256,7 +258,7 @@ FIG_3 = {
 
 
 @pytest.mark.parametrize("panel", FIG_3)
-@pytest.mark.quick(1)
+@pytest.mark.full
 def test_fig_3(pair, kernels_of, panel):
     values, parameter, (first, last), expected = FIG_3[panel]
     model = pair(**values)
@@ -272,6 +274,7 @@ def test_fig_3(pair, kernels_of, panel):
     assert all(notation in met for notation in expected)
 
 
+@pytest.mark.full
 def test_a_sweep_goes_on_where_it_was(pair, kernels_of):
     """The rows of the second half, from the last state of the first, are those of the whole."""
     model = pair()
@@ -287,6 +290,7 @@ def test_a_sweep_goes_on_where_it_was(pair, kernels_of):
 # Random starts and basins
 
 
+@pytest.mark.full
 def test_random_starts_find_both_attractors(pair, kernels_of):
     """Between grazing and fold of 3:1 (s = 0.27903 to 0.27940) 2:1 and 3:1 are both stable."""
     model = pair(s=0.2792)

@@ -94,6 +94,7 @@ def test_the_onset_of_complex_motion_of_fig_7(scene, kernels_of, diagram):
     assert found.explanations[0].distance == 0
 
 
+@pytest.mark.full
 def test_the_grazing_of_the_2_1_orbit(scene, kernels_of, diagram):
     """Small steps follow 2:1 to its grazing, although 3:1 is stable already before it."""
     found = only(scene, kernels_of, diagram, [0.284, 0.276], start=State(0, 0.1, 0.54))
@@ -112,6 +113,7 @@ def test_the_fold_of_the_2_1_orbit_upwards(scene, kernels_of, diagram):
     assert found.explanations[0].value == pytest.approx(FB, abs=1e-9)
 
 
+@pytest.mark.full
 def test_the_end_of_complex_motion_is_bounded(scene, kernels_of, diagram):
     """TG: complex motion gives way to 2:1 between the fold and the ghost grazing of 1:1."""
     found = only(scene, kernels_of, diagram, [0.358, 0.35], width=1e-3)
@@ -122,6 +124,7 @@ def test_the_end_of_complex_motion_is_bounded(scene, kernels_of, diagram):
     assert {e.role for e in found.explanations} == {"bounds"}
 
 
+@pytest.mark.full
 def test_an_attractor_that_does_not_end(scene, kernels_of):
     """Ten steps on 1:1 is still there: the change is one of basin, without a name."""
     first = swept(scene, kernels_of, [0.40]).rows[0]
@@ -167,6 +170,7 @@ def test_names_need_evidence(scene, kernels_of, first, second, kind):
 # Coverage
 
 
+@pytest.mark.full
 def test_attractors_lie_on_branches(scene, kernels_of, diagram):
     """Velocities of simulation and of the branches agree; measured: 3e-15."""
     rows = swept(scene, kernels_of, np.linspace(0.41, 0.26, 16).tolist())
@@ -242,7 +246,7 @@ def test_a_doubling_is_named_by_what_follows(scene, kernels_of, ending):
     assert name(before, tripled, earlier).kind is None
 
 
-@pytest.mark.full
+@pytest.mark.slow
 def test_a_subcritical_doubling_has_no_name(scene, kernels_of):
     """4:1 loses its stability at s = 0.2558358860, where its branch has a subcritical PD: no
     doubled orbit is stable beyond it, the motion goes to (7:2)/2T."""
@@ -281,7 +285,7 @@ def test_a_narrow_window_of_the_doubled_orbit_is_resolved(kernels_of):
     assert grazing.evidence.startswith("smallest gap")
 
 
-@pytest.mark.full
+@pytest.mark.slow
 def test_wide_brackets_say_why(scene, kernels_of):
     """Beside a doubling the motion does not settle; the bracket is wider than asked and says so."""
     found = swept(scene, kernels_of, [0.39, 0.376])

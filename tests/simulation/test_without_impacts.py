@@ -130,6 +130,7 @@ def test_its_end_along_a_sweep_is_where_it_reaches_the_guard(free, held):
     assert abs(lost.value - left.value) <= 1e-2
 
 
+@pytest.mark.full
 def test_its_end_is_found_where_a_guard_comes_to_it_as_it_is_started_anew():
     """At t = 0 the body is farthest out; the guard passes it there, and it starts half a period
     later. It was said to go on."""
@@ -145,6 +146,7 @@ def test_its_end_is_found_where_a_guard_comes_to_it_as_it_is_started_anew():
     assert left.value - lost.value <= 4e-3
 
 
+@pytest.mark.full
 def test_a_motion_that_is_not_known_is_not_followed(simulator, held):
     """Without damping it is quasiperiodic, which the transition says; it was said to go on."""
     model = Magnet(**VALUES | {"c": 0.0})
@@ -206,6 +208,7 @@ def test_where_no_branch_has_them_a_scene_would_follow_them(simulated):
     assert 'orbits = ["0"]' in uncovered.scene
 
 
+@pytest.mark.full
 def test_a_free_body_that_is_not_damped_settles_on_nothing():
     model = Magnet(**VALUES | {"c": 0.0})
     simulator = Simulator(model)

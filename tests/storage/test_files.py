@@ -135,6 +135,7 @@ def test_a_compressed_file_is_read_in_place_of_a_plain_one(tmp_path):
     assert read_plain(path)[0] == b"new"
 
 
+@pytest.mark.full
 def test_no_more_of_a_compressed_file_is_unpacked_than_admitted(tmp_path):
     (tmp_path / "a.csv.xz").write_bytes(lzma.compress(bytes(10**7)))
     with pytest.raises(ValueError, match="longer than 1000 bytes"):

@@ -44,7 +44,7 @@ def test_every_scene_is_there(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.quick(1)
+@pytest.mark.full
 def test_scenes_drawn_at_random_give_their_rows_again(name):
     """Every event with its label, ghosts among them; each row has twelve digits."""
     study = load_study(ATLAS / f"{name}.toml")

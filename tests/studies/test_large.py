@@ -55,6 +55,7 @@ def filled(path, studies, scenes):
             store.connection.execute("COMMIT")
 
 
+@pytest.mark.full
 def test_the_documented_queries_are_answered(tmp_path):
     filled(tmp_path / "s.sqlite", 1, 20)
     with Study(tmp_path / "s.sqlite") as study:

@@ -46,6 +46,7 @@ def uninterrupted(tmp_path_factory):
     return path
 
 
+@pytest.mark.full
 def test_the_store_holds_what_follow_gives(uninterrupted):
     held = contents(uninterrupted)
     assert [row["status"] for row in held["scenes"]] == ["done"] * 4
@@ -63,6 +64,7 @@ def test_the_store_holds_what_follow_gives(uninterrupted):
         assert placed == dict(zip(("beta", "r"), values.tolist(), strict=True))
 
 
+@pytest.mark.full
 def test_it_is_said_how_many_scenes_there_are_and_how_long_it_will_take(
     here, tmp_path, monkeypatch
 ):
@@ -105,6 +107,7 @@ def test_two_studies_in_one_store_and_names_that_would_be_commands(here, uninter
     assert {row["study"] for row in held["events"]} == {"small", evil}
 
 
+@pytest.mark.full
 def test_two_studies_write_to_one_store_at_the_same_time(tmp_path, uninterrupted):
     path = tmp_path / "s.sqlite"
     with ThreadPoolExecutor(2) as both:
@@ -118,6 +121,7 @@ def test_two_studies_write_to_one_store_at_the_same_time(tmp_path, uninterrupted
             assert own == rows
 
 
+@pytest.mark.full
 def test_a_study_is_computed_by_one_process_at_a_time(here, uninterrupted, tmp_path):
     with Store(tmp_path / "s.sqlite") as store, store.claimed("small"):
         with pytest.raises(InputError, match="another contimpact is writing"):
@@ -125,6 +129,7 @@ def test_a_study_is_computed_by_one_process_at_a_time(here, uninterrupted, tmp_p
         computed(tmp_path / "s.sqlite", study_given("other", count=2), here)
 
 
+@pytest.mark.full
 def test_what_is_kept_besides_is_what_the_scene_gives(here, tmp_path):
     """Attractors and voltages of simulated motion, branch tables, curves and their points."""
     keep = ["attractors", "energies", "tables", "curves"]
@@ -163,6 +168,7 @@ def test_what_is_kept_besides_is_what_the_scene_gives(here, tmp_path):
 # Scenes that fail
 
 
+@pytest.mark.full
 def test_a_scene_without_orbits_is_recorded_and_the_others_go_on(here, tmp_path):
     given = study_given(grid={"beta": [0.4], "r": [0.3], "s": [0.389, 0.37]})
     del given["model"]["parameters"]["s"]
@@ -178,6 +184,7 @@ def broken_follow(scene, tell):
     raise ZeroDivisionError("by nothing")
 
 
+@pytest.mark.full
 def test_any_error_is_recorded_with_its_reason_and_can_be_tried_again(
     here, uninterrupted, tmp_path, monkeypatch
 ):
@@ -235,6 +242,7 @@ def test_the_timer_rings_again_where_it_was_not_heard(monkeypatch):
     assert compute(task(0.1)).rows["failures"][0]["kind"] == "budget"
 
 
+@pytest.mark.full
 def test_scenes_go_alone_and_with_time_to_compile_until_one_is_done(here, tmp_path, monkeypatch):
     """On a busy machine compiling takes longer than a scene may."""
     tasks = []
@@ -334,6 +342,7 @@ def test_a_script_that_its_workers_would_run_again_is_told_what_to_write(tmp_pat
     assert (tmp_path / "started").read_text() == "xx"
 
 
+@pytest.mark.full
 def test_an_executor_that_is_lost_is_reported(tmp_path):
     with ThreadPoolExecutor(1) as executor:
         workshop = executors.given(executor)

@@ -115,6 +115,7 @@ def test_sticking_vanishes_where_slip_comes_up_to_the_belt(branch, slipping):
     assert list(branch.missed) == list(slipping.missed) == []
 
 
+@pytest.mark.full
 def test_both_sides_of_a_sliding_grazing(slipping):
     """The branch born there is physical where the touch sticks."""
     (event,) = slipping.events
@@ -128,6 +129,7 @@ def test_both_sides_of_a_sliding_grazing(slipping):
     agrees([P, 0.0, S + (period if S < P else 0.0), v], VALUES | {"V": columns["V"][row]})
 
 
+@pytest.mark.full
 def test_what_friction_cannot_do_is_unphysical():
     model = Belt(**VALUES | {"a": 0.53})
     (orbit,) = ci.find_orbits(model, "PS", parameter="a", starts=10, rounds=1)
@@ -176,6 +178,7 @@ def test_what_is_stated_of_friction_holds():
         Belt(**VALUES, friction="dry")
 
 
+@pytest.mark.full
 def test_weakening_friction_against_integration():
     pytest.importorskip("heyoka", reason="needs contimpact[ode]")
     orbit = sticking(delta=1.0)

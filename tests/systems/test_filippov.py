@@ -80,7 +80,7 @@ def one(kind, word, **values):
 
 
 @pytest.mark.parametrize(("word", "a", "zeros"), [("PS", 0.54, 3), ("PSAB", 0.6, 3), ("0", 0.1, 2)])
-@pytest.mark.quick(1)
+@pytest.mark.full
 def test_it_is_the_belt(word, a, zeros):
     """Orbits and multipliers; the directions that there are not have the multiplier zero."""
     found, truth = one(Stated, word, a=a), one(Belt, word, a=a)

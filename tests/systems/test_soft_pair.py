@@ -146,6 +146,7 @@ MODELS = [soft_pair(), soft_pair(k=900.0, m=0.01), SoftPair(**FIG7 | UNEVEN)]
 
 
 @pytest.mark.parametrize("model", MODELS, ids=["stiff", "soft", "uneven"])
+@pytest.mark.full
 def test_two_bodies(model):
     """The orbit against both bodies' equations, with their own masses: Z alone is enough."""
     _against_bodies(solved(model))
@@ -165,6 +166,7 @@ def test_capsule_comes_back():
     assert abs(end[1]) < 1e-10
 
 
+@pytest.mark.full
 def test_formulas_agree():
     names = check_model(soft_pair(forcing="cos(pi*t) + sin(3*pi*t)/5"))
     assert "flight from B" in names
@@ -173,6 +175,7 @@ def test_formulas_agree():
     )
 
 
+@pytest.mark.full
 def test_multipliers_product():
     """Only dampers take volume: exp(-gamma T) in each contact."""
     orbit = solved(soft_pair())
@@ -232,6 +235,7 @@ def test_a_light_ball():
     assert np.max(abs(two - 2 * one)) < (2e-4 / 0.1245) ** 2
 
 
+@pytest.mark.full
 def test_symmetric_at_level():
     """By what the kernels say of a system of several laws: its flights have no harmonics."""
     model = soft_pair(beta=0.0, s=0.3)
@@ -392,7 +396,7 @@ def simulated(word, impacts, **changes):
 @pytest.mark.parametrize(
     ("word", "changes", "zeros"),
     [
-        ("BdbTut", {"mu": 0.02}, 2),
+        pytest.param("BdbTut", {"mu": 0.02}, 2, marks=pytest.mark.slow),
         ("BdbCRPTut", {"mu": 0.2, "k": 500.0, "s": 0.3692}, 3),
         ("BdspbCBdbC", {"mu": 0.6, "A": 2.0, "s": 0.2, "k": 500.0}, 3),
         pytest.param("BdcrpbSA", {"mu": 0.3, "A": 1.0, "s": 0.1}, 3, marks=pytest.mark.slow),

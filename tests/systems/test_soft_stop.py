@@ -77,7 +77,7 @@ def test_each_flight_runs_in_the_mode_its_guard_leads_to(parameters):
 
 
 @pytest.mark.parametrize("parameter", ["omega", "e", "k_b"])
-@pytest.mark.quick(1)
+@pytest.mark.full
 def test_derivatives_against_differences_in_many_digits(orbit, parameter):
     problem = OrbitProblem(orbit.model, Word("CR"), Kernels(orbit.model, parameter))
     value = orbit.model.values[parameter]
@@ -121,6 +121,7 @@ def test_the_branch_turns_unphysical_where_the_contact_vanishes(branch):
     assert branch.missed == []
 
 
+@pytest.mark.full
 def test_a_touch_is_the_contact_that_vanishes_on_the_longer_word(orbit):
     """G[1:1->2:2] and V[2:2->1:1]: one event, with one orbit's multipliers."""
     limits = (0.6, 1.3)
@@ -143,6 +144,7 @@ def test_a_touch_is_the_contact_that_vanishes_on_the_longer_word(orbit):
     assert np.all(born.columns["omega"][beside] < touch.value)  # where the old orbit passes
 
 
+@pytest.mark.full
 def test_a_simulation_settles_on_the_stable_orbit(orbit):
     simulator = Simulator(orbit.model)
     run = simulator.run(simulator.state("C", 0.3, 1.0), impacts=150)
@@ -184,7 +186,7 @@ def test_words_off_the_graph_are_refused():
 
 @pytest.mark.parametrize("stiffness", [1e4, 1e6])
 @pytest.mark.parametrize("low", [0.6, 1.7])
-@pytest.mark.quick(1)
+@pytest.mark.full
 def test_a_fold_next_to_a_birth_is_found_whatever_the_first_step(stiffness, low):
     """Next to its birth the branch has the stable multipliers of the motion without contact, and
     is unstable at its first point; the stretch between shrinks like 1/k_b^2, as at k_b = 1000."""
