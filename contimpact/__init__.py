@@ -7,6 +7,7 @@ function whose package is not installed says so when it is called.
 from __future__ import annotations
 
 import importlib
+import re
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -105,100 +106,15 @@ if TYPE_CHECKING:
 
 __version__ = "0.2.0"
 
-_PLACES = {
-    "InputError": "errors",
-    "ImpactPair": "systems.impact_pair",
-    "Oscillator": "systems.oscillator",
-    "BouncingBall": "systems.bouncing_ball",
-    "SoftPair": "systems.soft_pair",
-    "SoftStop": "systems.soft_stop",
-    "TwoStops": "systems.two_stops",
-    "TwoMasses": "systems.two_masses",
-    "CoupledByImpact": "systems.coupled_by_impact",
-    "ImpactDamper": "systems.impact_damper",
-    "Pendulum": "systems.pendulum",
-    "Duffing": "systems.duffing",
-    "Belt": "systems.belt",
-    "VanDerPol": "systems.van_der_pol",
-    "LinearMachine": "systems.stated",
-    "HybridSystem": "systems.stated",
-    "list_systems": "systems",
-    "new_scene": "results.new_scene",
-    "Model": "models.model",
-    "Parameter": "models.model",
-    "Wall": "models.model",
-    "Formulas": "models.model",
-    "Symmetry": "models.model",
-    "Geometry": "models.model",
-    "check_model": "segments.checking",
-    "Orbit": "orbits.orbit",
-    "fit": "orbits.fitting",
-    "find_orbits": "diagrams.starting_orbits",
-    "Settings": "continuation.settings",
-    "continue_orbit": "diagrams.orbit_branch",
-    "continue_born": "diagrams.orbit_branch",
-    "follow": "diagrams.explore",
-    "follow_codim2": "diagrams.codim2_curves",
-    "follow_curve": "diagrams.curves",
-    "find_crises": "diagrams.crises",
-    "locate_crisis": "diagrams.crisis_location",
-    "locate_tangencies": "diagrams.crisis_location",
-    "follow_crisis": "diagrams.crisis_curves",
-    "find_margins": "diagrams.margins",
-    "follow_isoline": "diagrams.isolines",
-    "Curve": "results.curve",
-    "read": "results.diagram_reading",
-    "stable_intervals": "results.diagram_reading",
-    "load_entries": "results.catalogue",
-    "plot": "display",
-    "view": "page.notebook",
-    "plot_codim2": "plots.curves",
-    "plot_curves": "plots.curves",
-    "save": "simulation.files",
-    "load": "simulation.files",
-    "design": "diagrams.design",
-    "sensitivity": "diagrams.isolines",
-    "write_auto": "results.formats",
-    "write_mat": "results.formats",
-    "load_scene": "results.scene",
-    "read_scene": "results.scene",
-    "Branch": "results.branch",
-    "Diagram": "results.diagram",
-    "Entry": "results.branch",
-    "certify": "certificates.certify",
-    "Simulator": "simulation.simulator",
-    "Membrane": "systems.membrane",
-    "energy": "simulation.energy",
-    "losses": "simulation.energy",
-    "escape_rate": "simulation.escapes",
-    "settle": "simulation.settle",
-    "sweep": "simulation.sweep",
-    "find_transitions": "simulation.transitions",
-    "basin_fractions": "simulation.fractions",
-    "attractor_ranges": "diagrams.ranges",
-    "load_ranges": "diagrams.ranges",
-    "grow_manifold": "simulation.manifolds",
-    "integrity": "simulation.integrity",
-    "cover": "simulation.basins",
-    "basins": "simulation.basins",
-    "Basins": "simulation.basins",
-    "find_attractors": "simulation.sweep",
-    "load_study": "studies.study_file",
-    "read_study": "studies.study_file",
-    "run_study": "studies.run",
-    "Store": "studies.store",
-    "Study": "studies.study",
-    "load_diagram": "results.catalogue",
-    "write_diagram": "results.catalogue",
-    "plot_diagram": "plots.diagram",
-    "plot_fit": "plots.orbit",
-    "plot_orbit": "plots.orbit",
-    "plot_sweep": "plots.attractors",
-    "plot_transitions": "plots.curves",
-    "plot_basins": "plots.attractors",
-    "plot_energy": "plots.attractors",
-    "plot_manifold": "plots.attractors",
+_PLACES: dict[str, str] = {
+    name: place
+    for place, name in re.findall(
+        r"^    from \.(\S+) import \w+ as (\w+)$",
+        __spec__.loader.get_source(__name__),  # type: ignore[union-attr]
+        re.MULTILINE,
+    )
 }
+"""The module of each public name, read from the imports above, which type checkers follow."""
 
 __all__ = ["__version__", *_PLACES]
 
