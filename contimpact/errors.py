@@ -43,13 +43,7 @@ class NotInstalledError(InputError):
 class NotWrittenError(InputError):
     """Some files of a folder could not be written; the others were.
 
-    Parameters
-    ----------
-    folder : str
-    written : sequence of str
-        Names of the files that were written.
-    failed : mapping
-        Why the others were not, by name.
+    `failed` says why, by name.
     """
 
     def __init__(self, folder: str, written: Sequence[str], failed: Mapping[str, str]) -> None:

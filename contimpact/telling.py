@@ -21,19 +21,11 @@ QUIET = 30.0
 
 
 class Teller:
-    """Shows the newest line of text it was called with.
+    """Shows the newest line of text it was called with; every line begins with its name.
 
     On a terminal it is one line, rewritten in place. Elsewhere the first text is written at once,
-    then the newest at most every `PAUSE` seconds, by a thread of its own: what takes long is named
-    even if nothing new is said meanwhile.
-
-    Parameters
-    ----------
-    name : str
-        What the work is for; every line begins with it.
-    stream : text file
-    patient : bool
-        Whether the first text, too, waits for the pause to be over.
+    or after the pause if `patient`, then the newest at most every `PAUSE` seconds, by a thread of
+    its own: what takes long is named even if nothing new is said meanwhile.
     """
 
     def __init__(self, name: str, stream: TextIO, patient: bool = False) -> None:

@@ -101,14 +101,8 @@ def locate_on_arc(
 ) -> int:
     """Locate the event next to a place on an arc; returns as `solve_system`.
 
-    Parameters
-    ----------
-    evaluate, bound
-        As in `solve_system`.
-    guess : callable ``guess(system, arc, z)``
-        Fills in a guess of the system's own unknowns behind an orbit's; whether there is one.
-    check : callable ``check(system, arc, z)``
-        Whether a solution is an event.
+    `guess` fills in a guess of the system's own unknowns behind an orbit's, and says whether there
+    is one; `check` says whether a solution z is an event.
     """
     z, sizes, options, ends = search.z, search.sizes, arc.options, arc.ends
     orbit = len(arc.tangent)

@@ -76,18 +76,10 @@ class Connected:
 class Connection:
     """The equations of a grazing connection, of systems with one degree of freedom.
 
-    Parameters
-    ----------
-    model : Model
-        Gives the values of all parameters but the free ones.
-    kernels : Kernels
-        They name the free parameters: one for a crisis, two for a curve of them.
-    walls : str
-        The walls hit along the path.
-    grazing : int or None
-        Number of the impact whose velocity vanishes; None where the manifolds touch without one.
-    before, after : Word
-        The orbits at both ends; the path begins with a lap of one and ends with a lap of the other.
+    The path hits `walls`; it begins with a lap of the orbit `before` and ends with a lap of
+    `after`. `grazing` is the number of the impact whose velocity vanishes, None where the manifolds
+    touch without one. The kernels name the free parameters: one for a crisis, two for a curve of
+    them.
     """
 
     def __init__(
@@ -245,11 +237,8 @@ def error_of(here: Connected) -> float:
 def refined(here: Connected) -> tuple[Connected, float] | None:
     """Add laps at both ends until they change the parameter by rounding only.
 
-    Returns
-    -------
-    (Connected, float) or None
-        The path, and a bound of the parameter's error: rounding, and what the last laps changed.
-        None if a longer path is not found.
+    Returns the path and a bound of the parameter's error (rounding, and what the last laps
+    changed); None if a longer path is not found.
     """
     error = error_of(here)
     for ends in ((1, 0), (0, 1)):

@@ -100,10 +100,7 @@ def wanted_kinds(
 ) -> list[str]:
     """Return the kinds to look for, each once: those named, and UZ where there are values to hit.
 
-    Raises
-    ------
-    InputError
-        At `where`, if UZ is named and there are none.
+    UZ without values is an `InputError` at `where`.
     """
     asked = list(dict.fromkeys([*kinds, *([REQUESTED] if values else [])]))
     if REQUESTED in asked and not values:

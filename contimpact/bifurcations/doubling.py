@@ -186,12 +186,9 @@ def _second_order_term(here: Linearisation, q: Array) -> Array:
 
 
 def doubling_bend(here: Linearisation) -> float:
-    """Return c of lambda = lambda_0 + c a^2 on the branch born at a period doubling.
+    """Return c of lambda = lambda_0 + c a^2 on the branch born at this period doubling.
 
-    Parameters
-    ----------
-    here : Linearisation
-        The orbit at its period doubling. Its first free parameter is lambda.
+    lambda is the first free parameter.
     """
     bent, crossing = _bend(here)
     return -bent / crossing

@@ -27,14 +27,7 @@ System: TypeAlias = tuple[Callable[[list[Number]], list[Number]], list[float]]
 
 
 class Equations:
-    """The orbit problem of a word, and the systems of its events.
-
-    Parameters
-    ----------
-    problem : OrbitProblem
-        Gives the word, the parameters' doubles and the kernels; one parameter is free.
-    arithmetic : Arithmetic
-    """
+    """The orbit problem of a word in one free parameter, and the systems of its events."""
 
     def __init__(self, problem: OrbitProblem, arithmetic: Arithmetic) -> None:
         self.problem, self.arithmetic = problem, arithmetic

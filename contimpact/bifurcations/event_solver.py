@@ -267,15 +267,7 @@ class LocatedPoint(NamedTuple):
 
 
 class Solver:
-    """Solves the systems of a variant on the orbits of one problem.
-
-    Parameters
-    ----------
-    problem : OrbitProblem
-        With one free parameter.
-    variant : str
-        The equations; see `ScalarForm`.
-    """
+    """Solves the systems of a variant (see `ScalarForm`) on a problem with one free parameter."""
 
     def __init__(self, problem: OrbitProblem, variant: str) -> None:
         self.problem, self.variant = problem, variant

@@ -195,10 +195,7 @@ class SystemEvaluation:
 class ExtendedSystem(ABC):
     """The defining equations of one kind of event, on the orbits of one problem.
 
-    Attributes
-    ----------
-    form : ScalarForm or None
-        Of those that are scalar code as well.
+    Those that are scalar code as well have a `form`.
     """
 
     form: ScalarForm | None = None
@@ -492,12 +489,7 @@ def crossing_near(
 ) -> Meeting | None:
     """Return where two branches cross, or pass each other, next to a point; None if nowhere.
 
-    Parameters
-    ----------
-    problem : Problem
-        Of orbits.
-    scale : ndarray of shape (n + 1,)
-        Sizes of the unknowns, by which the distance is measured.
+    `scale` has the sizes of the unknowns, by which the distance is measured.
     """
     solution = solve(Crossing(guess.evaluation.problem), guess.evaluation)
     if solution is None:

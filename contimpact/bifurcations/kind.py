@@ -43,20 +43,11 @@ ALONG, REPEATS = 1e-3, 1e-7
 
 @dataclass(frozen=True)
 class Start:
-    """Where a branch begins, and which way it leaves.
+    """Where a branch begins, on the problem of the new word, and which way it leaves.
 
-    Attributes
-    ----------
-    problem : OrbitProblem
-        Of the new word.
-    unknowns, tangent : ndarray of shape (n + 1,)
-        The tangent is not normalised. At a G it points to where the touch is a physical impact.
-    branching : bool
-        Whether the start is a branch point of the new problem.
-    both_ways : bool
-        Whether both directions lead to different orbits.
-    note : str
-        What a reader should know of the branch; empty if there is nothing.
+    The tangent is not normalised; at a G it points to where the touch is a physical impact.
+    `branching` says whether the start is a branch point of the new problem, `both_ways` whether
+    both directions lead to different orbits, and `note` what a reader should know of the branch.
     """
 
     problem: OrbitProblem
@@ -258,13 +249,10 @@ class Kind(ABC):
     def criticality(
         self, event: OrbitEvent, before: OrbitPoint, after: OrbitPoint
     ) -> tuple[str | None, float | None]:
-        """Return on which side the new branch lies, and at what slope, as far as can be told.
+        """Return on which side the new branch lies, and at what slope, as far as it can be
+        decided.
 
-        Parameters
-        ----------
-        event : Event
-        before, after : Point
-            The branch's points around it.
+        `before` and `after` are the branch's points around the event.
         """
         return None, None
 

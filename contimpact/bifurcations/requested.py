@@ -19,14 +19,7 @@ PERIOD = "period"
 
 
 class RequestedValues(ScalarTest):
-    """A parameter or derived parameter, or a free period, minus each value.
-
-    Parameters
-    ----------
-    problem : OrbitProblem
-    requested : mapping of str to sequence of float
-        Values by name.
-    """
+    """A parameter or derived parameter, or a free period, minus each value requested of it."""
 
     kind = REQUESTED
 

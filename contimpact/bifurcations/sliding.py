@@ -143,16 +143,9 @@ class SlidingTouch(Arrival):
 
 
 class Beginning(Arrival):
-    """Sliding begins on one of its limits: a flight to it takes no time.
+    """Sliding begins on one of its limits (see `segments.touches`): a flight to it takes no time.
 
     Its own unknowns are the section coordinates there.
-
-    Parameters
-    ----------
-    problem : OrbitProblem
-    impact : int
-    sliding, limit : str
-        See `contimpact.segments.touches`.
     """
 
     def __init__(self, problem: OrbitProblem, impact: int, sliding: str, limit: str) -> None:
@@ -379,15 +372,8 @@ BESIDE = 0.1
 
 
 def where_added(guess: OrbitPoint, flight: int, details: Details) -> Location | None:
-    """Return where a flight between two pieces of sliding vanishes; None if nowhere near.
-
-    Parameters
-    ----------
-    flight : int
-        That leaves sliding and comes back to it.
-    details : dict
-        What to record of it.
-    """
+    """Return where a flight that leaves sliding and comes back to it vanishes; None if nowhere
+    near."""
     problem, unknowns = guess.evaluation.problem, guess.unknowns
     ends = flight, (flight + 1) % len(problem.word)
     word = problem.word.drop(*ends)
@@ -645,14 +631,11 @@ SAME_RATE = 6
 
 
 def exchanged_word(here: Linearisation, flight: int, rates: Array) -> Word | None:
-    """Return the word beyond a flight that takes no time, its impacts in the order they have there.
+    """Return the word beyond a flight that takes no time, its impacts in the order they have
+    there.
 
-    None if impacts only merge: those at both ends are on one surface, or no letters say so.
-
-    Parameters
-    ----------
-    rates : ndarray of shape (N,)
-        How fast each flight's duration changes along the branch, up to a common factor.
+    `rates` are those of each flight's duration along the branch, up to a common factor. None if
+    impacts only merge: those at both ends are on one surface, or no letters say so.
     """
     problem, letters = here.problem, list(here.problem.word.walls)
     runs = list(_simultaneous_impacts(problem, here.unknowns))

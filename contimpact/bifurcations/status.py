@@ -60,15 +60,9 @@ def explain_changes(
 ) -> Walk[Linearisation]:
     """Return a walk with the events that explain its changes of status, or what is missing.
 
-    Parameters
-    ----------
-    tests : sequence of TestFunction
-        What was looked for; a change that only other kinds explain is left alone.
-    settings : Settings
-        Of the walk.
-    switched : bool
-        Whether the walk starts on an event, where a status is that of neither side: its stability
-        is taken from next to it.
+    `tests` were looked for: a change that only other kinds explain is left alone. A walk that is
+    `switched` starts on an event, where a status is that of neither side: its stability is taken
+    from next to it.
     """
     asked = {test.kind for test in tests}
     sought = {kind_of(kind).changes for kind in asked} - {None}

@@ -40,12 +40,7 @@ def order_events(events: Iterable[Event]) -> list[Event]:
 def same_place(apart: float, difference: float, error: float) -> bool:
     """Whether two points of a branch are one place.
 
-    Parameters
-    ----------
-    apart, difference : float
-        Of their arclengths, and of their parameters.
-    error : float
-        Of the latter.
+    They differ by `apart` in arclength and by `difference` in their parameters, known to `error`.
     """
     return abs(apart) <= TOGETHER and abs(difference) <= error
 
@@ -201,12 +196,9 @@ class Block:
 
 
 class Points(Sequence[Point]):
-    """The points of a branch in order.
+    """The points of a branch in order, from single points and blocks.
 
-    Parameters
-    ----------
-    pieces : sequence of Point and Block
-        Points of a block are made when they are looked at, each time anew.
+    Points of a block are made when they are looked at, each time afresh.
     """
 
     def __init__(self, pieces: Iterable[Point | Block] = ()) -> None:
@@ -490,14 +482,7 @@ class TestFunction(ABC, Generic[At]):
 
 
 class UserFunction(TestFunction[At]):
-    """A user's own function of the point, located by bracketing.
-
-    Parameters
-    ----------
-    kind : str
-        Name of its events.
-    function : callable ``function(point) -> float``
-    """
+    """A user's own function of the point, located by bracketing; `kind` names its events."""
 
     def __init__(self, kind: str, function: Callable[[Point[At]], float]) -> None:
         self.kind, self.function = kind, function

@@ -161,16 +161,10 @@ def predict(
     scale: Vector,
     guess: Vector,
 ) -> None:
-    """Fill `guess` with the point one step ahead of z.
+    """Fill `guess` with the point one step ahead of z, along its unit tangent, or the chord.
 
-    Written in the plain subset of Python that `contimpact.compiling` compiles.
-
-    Parameters
-    ----------
-    z, tangent, chord : vector
-        The point, its unit tangent, and the way from the point before.
-    secant : bool
-        Whether to go on along the chord.
+    The chord leads here from the point before; `secant` chooses it. Written in the plain subset of
+    Python that `contimpact.compiling` compiles.
     """
     if not secant:
         for i in range(len(z)):
@@ -222,31 +216,14 @@ def newton(
     tolerance: float,
     most: int,
 ) -> tuple[int, int, float]:
-    """Solve F(z) = 0, row . (z - guess) = 0 by Newton's method.
+    """Solve F(z) = 0, row . (z - guess) = 0 by Newton's method, with `most` iterations at most.
 
-    Accepts a point whose residual is below the tolerance, or whose Newton step is at the rounding
-    of the unknowns. A step that no longer contracts is refused. Written in the plain subset of
-    Python that `contimpact.compiling` compiles.
-
-    Parameters
-    ----------
-    evaluate : callable ``evaluate(data, z)``
-        The largest residual; NaN where F has no value.
-    solve : callable ``solve(data, row, g, out)``
-        Fills `out` with the solution of the bordered system at the point last evaluated, with the
-        border's right side g; whether there is one.
-    data
-        Handed on to both.
-    z, guess, row, scale, step : vector
-        `z` is filled with the point reached, `step` is scratch space.
-    most : int
-        Iterations at most.
-
-    Returns
-    -------
-    status, iterations : int
-    first : float
-        Length of the first step.
+    Fills z and returns status, iterations and the length of the first step. Accepts a point whose
+    residual is below the tolerance, or whose Newton step is at the rounding of the unknowns. A step
+    that no longer contracts is refused. ``evaluate(data, z)`` returns the largest residual, NaN
+    where F has no value; ``solve(data, row, g, out)`` solves the bordered system at the point last
+    evaluated with the border's right side g, and returns whether there is a solution. Written in
+    the plain subset of Python that `contimpact.compiling` compiles.
     """
     n = len(z)
     before, first = math.inf, 0.0

@@ -42,19 +42,8 @@ def error_of_zero(
     The point solves F = 0 and f = 0 up to its residual and the rounding of both; what these move
     the parameter by, at most, is the last row of the inverse of [F'; f'] against them. The gradient
     of f comes from differences, its rounding from the scatter of values beside the zero. The
-    bracket itself, in which f changes its sign, is not part of it.
-
-    Parameters
-    ----------
-    problem : Problem
-    here : Evaluation
-    function : callable ``function(evaluation) -> float``
-    scale : ndarray of shape (n + 1,)
-
-    Returns
-    -------
-    float
-        Not a number where the function has no value around the point.
+    bracket itself, in which f changes its sign, is not part of it. NaN where f has no value around
+    the point.
     """
 
     def value(unknowns: Array) -> float:
@@ -127,14 +116,7 @@ def separate_events(
 ) -> Points:
     """Return the points of a branch, and one more between any two events that had none between.
 
-    Parameters
-    ----------
-    problem : Problem
-    points : Points
-    events : iterable of Event
-        From `snap_to_points`.
-    others : iterable of Point
-        Further points without a status of their own: a birth, an end at an event.
+    `others` are further points without a status of their own: a birth, an end at an event.
     """
     marks = [*((event.point, event.error) for event in events), *((p, 0.0) for p in others)]
     marks.sort(key=lambda mark: mark[0].arclength)
@@ -313,15 +295,8 @@ def find_events(
     """Locate every crossing on an arc, in order along it.
 
     Where more crossings are not excluded (see `suspects`), the arc is cut and both parts are
-    searched; what cannot be excluded by cutting either is returned as missed.
-
-    Parameters
-    ----------
-    tests : sequence of TestFunction
-    arc : Arc
-    stretch : Stretch
-        The test functions at its ends, and at the points before and after it, to see how they
-        bend.
+    searched; what cannot be excluded by cutting either is returned as missed. `stretch` has the
+    test functions at its ends, and at the points before and after it, to see how they bend.
     """
     if not stretch.left.flat.size or not stretch.left.arclength < stretch.right.arclength:
         return [], []
@@ -344,13 +319,8 @@ def _place_event(event: Event, arc: Arc) -> Event:
 class _Search:
     """The search of an arc for events.
 
-    Attributes
-    ----------
-    tests : list of TestFunction
-    sizes : sequence of int
-        How many values each test function has.
-    least : float
-        The orientation below which a point says nothing: rounding decides on its tangent.
+    `sizes` are the numbers of values of each test function. Below the orientation `least` a point
+    says nothing: rounding decides on its tangent.
     """
 
     tests: list[TestFunction]

@@ -98,13 +98,7 @@ DENSE_UP_TO = 400
 
 
 def solve(matrix: Array, right: Array) -> Array:
-    """Solve a square system.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the matrix is exactly singular.
-    """
+    """Solve a square system; numpy.linalg.LinAlgError if the matrix is exactly singular."""
     if len(matrix) <= DENSE_UP_TO:
         return np.asarray(np.linalg.solve(matrix, right))
     return np.asarray(_factors(matrix).solve(right))

@@ -145,21 +145,12 @@ def crossings(left: Array, right: Array) -> list[int]:
 def suspect_values(
     a: Array, b: Array, c: Array, d: Array, behind: float, ahead: float, beyond: float
 ) -> Suspects:
-    """Return which values may change sign unseen between b and c, and where to look.
+    """Return which of q values may change sign unseen between b and c, and where to look.
 
-    Parameters
-    ----------
-    a, b, c, d : ndarray of shape (q,)
-        Values at four points in order; `a` and `d` are not numbers where there is no such point.
-    behind, ahead, beyond : float
-        Arclength from a to b, b to c and c to d.
-
-    Returns
-    -------
-    found : ndarray of shape (q,)
-        `THRICE`, `DIPS` or `ENDS`, or 0 where all sign changes are seen.
-    places : ndarray of shape (q,)
-        Where between b and c, from 0 to 1.
+    a, b, c, d are the values at four points in order, of shape (q,), NaN where there is no such
+    point; `behind`, `ahead` and `beyond` are the arclengths between them. Of each value the result
+    has `THRICE`, `DIPS` or `ENDS`, or 0 where all sign changes are seen, and the place between b
+    and c, from 0 to 1.
     """
     lengths = float(behind), float(ahead), float(beyond)
     four = zip(a.tolist(), b.tolist(), c.tolist(), d.tolist(), strict=True)
@@ -225,19 +216,11 @@ def may_pass(last: float, earlier: float, times: float) -> bool:
 def look_through(
     values: Table, arclengths: Vector, rows: Vector, found: Table, places: Table
 ) -> int:
-    """Fill in before which points, from the third one on, events lie or may lie unseen, and what is
-    suspected of each value there; returns how many they are.
+    """Fill in before which points, from the third one on, events lie or may lie unseen.
 
-    Parameters
-    ----------
-    values : table
-        Test functions, a row for each point.
-    arclengths : vector
-        Of the points; not a number where there is none.
-    rows : vector
-        Filled with the points, counted from the third one on.
-    found, places : table
-        Filled as by `suspect_values`, a row for each of them.
+    `values` has the test functions, a row for each point; an arclength is NaN where there is no
+    point. `rows` is filled with the points, counted from the third one on, `found` and `places` as
+    by `suspect_values` with a row for each of them; returns how many they are.
     """
     made, points = 0, len(values)
     for i in range(1, points - 1):

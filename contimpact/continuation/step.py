@@ -186,26 +186,15 @@ def take_steps(
 ) -> int:
     """Take steps until one is proposed to the walker or refused at the smallest length.
 
-    Parameters
-    ----------
-    evaluate, solve : callable
-        As in `newton`.
-    tangent_at : callable ``tangent_at(data, z, row, scale, out) -> orientation``
-        Fills `out` with the null vector at the point last evaluated that goes on along `row`; NaN
-        if there is none.
-    observe : callable ``observe(data, z, tangent, orientation, row, at)``
-        Records whatever else a point is to carry in its row, from place `at` on.
-    data
-        Handed on to them.
-    vectors : tuple
-        `StepVectors`, kept up to date; the row of a step that is proposed follows those of the
-        points made.
+    `evaluate` and `solve` are as in `newton`. ``tangent_at(data, z, row, scale, out)`` fills `out`
+    with the null vector at the point last evaluated that continues along `row` and returns its
+    orientation, NaN if there is none. ``observe(data, z, tangent, orientation, row, at)`` records
+    whatever else a point is to carry in its row, from place `at` on. `vectors` are `StepVectors`,
+    kept up to date.
 
-    Returns
-    -------
-    made : int
-        Points made. If fewer than there are rows, a step is proposed where there are notices in
-        the state, else refused.
+    Returns how many points were made. If they are fewer than there are rows, a step is proposed
+    where there are notices in the state, else refused; the row of a proposed step follows those of
+    the points.
     """
     options, state, scale, z, tangent, _, work, rows = vectors
     if options[TASK] != STEPS:

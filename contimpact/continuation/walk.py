@@ -50,13 +50,7 @@ T = TypeVar("T")
 
 
 class WalkInterrupt(KeyboardInterrupt):
-    """An interruption from the keyboard during a walk.
-
-    Attributes
-    ----------
-    walk : Walk
-        What was walked until then.
-    """
+    """An interruption from the keyboard, with the `walk` until then."""
 
     def __init__(self, walk: Walk) -> None:
         super().__init__()
@@ -167,16 +161,9 @@ PART = 1e-6
 
 
 def closing_start(arc: Arc, first: Point, same: float) -> Point | None:
-    """Return the start of a walk, solved for anew from a step that passes it; None otherwise.
+    """Return the start of a walk, solved for afresh from a step that passes it; None otherwise.
 
-    Parameters
-    ----------
-    arc : Arc
-        The step.
-    first : Point
-        The start.
-    same : float
-        How near two points are that stand for the same solution.
+    Points nearer than `same` are the same solution.
     """
     here, new, problem, scale = arc.left, arc.right, arc.problem, arc.scale
     for near in (here, new):
@@ -196,12 +183,8 @@ def closing_start(arc: Arc, first: Point, same: float) -> Point | None:
 def points_before_start(problem: Problem, points: Points, again: Array, scale: Array) -> Points:
     """Return the points of a walk before it passed its start, and the start at their end.
 
-    Parameters
-    ----------
-    points : Points
-        The start is a branch point: no point is solved for there.
-    again : ndarray of shape (n + 1,)
-        The second point of the walk, come to again.
+    `again` is the second point of the walk, reached once more. Where the start is a branch point,
+    no point is solved for there.
     """
     first = points[0]
     start = again - problem.difference(again, first.unknowns)
@@ -348,7 +331,7 @@ def walk(
     ------
     InputError
         For a start outside the limits, limits that are none, or another direction.
-    Interrupted
+    WalkInterrupt
         A `KeyboardInterrupt` that holds what was walked until then.
     """
     settings = settings or Settings()

@@ -98,12 +98,8 @@ def any_setup(p):
 def program_of(kernels: Kernels, variant: str) -> Program:
     """Return the program that takes steps along curves of any word of a model.
 
-    Parameters
-    ----------
-    kernels : Kernels
-        With both parameters free.
-    variant : str
-        The equations: "singular" for FB and PD, "touching" for G.
+    Both parameters of the kernels are free; the variant is "singular" for FB and PD, "touching" for
+    G.
     """
     program = Program({})
     p = add_kernels(program, kernels, variant, "any")
@@ -129,14 +125,7 @@ ARGUMENTS = "ii" + "ffff" + "FFF" + "ffffff" + "FF"
 
 
 class CurveBackend(Backend):
-    """A curve's problem as steps ask for it; use `backend_of`.
-
-    Parameters
-    ----------
-    problem : CurveProblem
-    variant : str
-        Its equations.
-    """
+    """A curve's problem as steps ask for it, by the equations `variant`; use `backend_of`."""
 
     def __init__(self, problem: CurveProblem, variant: str) -> None:
         self.problem, self.variant = problem, variant

@@ -100,12 +100,7 @@ def add_openings(
 ) -> list[Branch]:
     """Return branches that know what opens at their entries and what they meet.
 
-    Parameters
-    ----------
-    opens : mapping of str to sequence of str
-        The branches born at an entry, by its name.
-    meetings : mapping of str to sequence of str
-        The branches that a branch meets, by its name.
+    `opens` has the branches born at an entry by its name, `meetings` those that a branch meets.
     """
     finished = []
     for branch in branches:

@@ -63,14 +63,10 @@ Range = tuple[float, float]
 
 
 def run_at(scene: Scene, model: Model, word: Word, kernels: Kernels) -> list[Run]:
-    """Follow every orbit of a word that is found at some value of the first parameter.
+    """Follow every orbit of a word that is found at some value of the first parameter, which is
+    free.
 
-    Parameters
-    ----------
-    model : Model
-        The member, at the second parameter's value.
-    kernels : Kernels
-        With the first parameter free.
+    The model is a member of the family, at the second parameter's value.
     """
     return run_along(scene, model, word, kernels, scene.range, _search_values(scene))
 
@@ -85,22 +81,10 @@ def run_along(
     tests: list[TestFunction] | None = None,
     wanted: Callable[[Orbit], bool] = lambda orbit: True,
 ) -> list[Run]:
-    """Follow every wanted orbit of a word that is found at some values of a parameter.
+    """Follow every wanted orbit of a word that is found at the values `searched` of a parameter.
 
-    Parameters
-    ----------
-    model : Model
-        Gives the values of the other parameters.
-    kernels : Kernels
-        With the parameter free.
-    limits : (low, high)
-        Its range.
-    searched : sequence of float
-        The values.
-    tests : list of TestFunction, optional
-        Those of `tests_of` by default.
-    wanted : callable ``wanted(orbit) -> bool``
-        Of an orbit that was found.
+    The parameter is free in the kernels and varies within `limits`; the model gives the values of
+    the others. The tests are those of `tests_of` by default.
     """
     problem = problem_of(model, word, kernels)
     tests = tests_of(scene, problem) if tests is None else tests
@@ -212,12 +196,7 @@ def passes_entry(curve: Curve, entry: Entry, model: Model, kernels: Kernels) -> 
     """Whether a curve of the same member passes through an entry.
 
     Wherever the curve passes the entry's value of the second parameter, its orbit there is solved
-    for and compared.
-
-    Parameters
-    ----------
-    kernels : Kernels
-        With the first parameter free.
+    for, with the first parameter free, and compared.
     """
     if (curve.kind, curve.period) != (entry.kind, entry.period):
         return False
@@ -294,10 +273,7 @@ def _orbit_distance(problem: OrbitProblem, one: Array, other: Array) -> float:
 def same_curve(one: Curve, other: Curve, problem: OrbitProblem) -> bool:
     """Whether two curves have the same ends, in either direction, and meet between them.
 
-    Parameters
-    ----------
-    problem : OrbitProblem
-        Of the first one's word, with both parameters free.
+    The problem is that of the first one's word, with both parameters free.
     """
     about = [(c.kind, c.period, dict(c.fixed)) for c in (one, other)]
     if about[0] != about[1] or not is_rotation(one.word, other.word):
@@ -460,15 +436,7 @@ Cross = Callable[[NearMiss, str, Place], "Run | None"]
 
 
 class Descents:
-    """Descents from near misses to events, or to where nothing is nearer.
-
-    Parameters
-    ----------
-    ranges : mapping of str to (low, high)
-        Of both parameters.
-    cross : callable
-        See `Cross`.
-    """
+    """Descents from near misses to events, or to where nothing is nearer, within both `ranges`."""
 
     def __init__(self, ranges: Mapping[str, tuple[float, float]], cross: Cross) -> None:
         self.ranges, self.cross = ranges, cross
@@ -521,14 +489,8 @@ def crossing_runs(
     """Follow every orbit of a word that a search finds at values scattered along a line, until it
     finds nothing new.
 
-    Parameters
-    ----------
-    runs : list of Run
-        Those followed there; the new ones are added.
-    problem : OrbitProblem
-        At the value that is held.
-    limits : (low, high)
-        Of the other parameter.
+    One parameter has the problem's value, the other varies within `limits`. `runs` are those
+    followed there; the new ones are added.
     """
     count = max(FEWEST_VALUES, scene.starts // AT_ONE_VALUE)
     for _ in range(scene.rounds):
@@ -692,26 +654,13 @@ class Line:
 
 
 class Lines:
-    """The lines across the map of one word.
+    """The lines across the map of one word, of one member of the family.
 
-    Parameters
-    ----------
-    scene : Scene
-    model : Model
-        The member of the family.
-    word : Word
-    kernels : Kernels
-        With the first parameter free.
-    curves : callable ``curves() -> sequence of Curve``
-        Those of the member.
-    covered : callable ``covered(entry) -> bool``
-        Whether a curve passes through an entry.
-    start : callable ``start(entry) -> str``
-        Starts curves on the branch through an entry; returns why none passes it, if none does.
-    further : callable ``further() -> sequence of Entry``
-        Starts curves from points of codimension two on those that are new; returns the entries that
-        it started from.
-    progress : callable
+    The kernels have the first parameter free. ``curves()`` returns the member's curves,
+    ``covered(entry)`` whether one passes through an entry. ``start(entry)`` starts curves on the
+    branch through an entry and returns why none passes it, if none does; ``further()`` starts
+    curves from points of codimension two on those that are new and returns the entries that it
+    started from.
     """
 
     def __init__(

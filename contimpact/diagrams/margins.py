@@ -227,12 +227,7 @@ def add_margins(
     """Return a branch with the columns ``margin`` and ``margin_event``, of its stable orbits.
 
     At events that end these the margin is zero, where no event is within the range it is infinite,
-    and of other orbits it is not a number.
-
-    Parameters
-    ----------
-    entries : mapping of str to Entry
-        The diagram's, by their names.
+    and of other orbits it is NaN. `entries` are the diagram's, by their names.
     """
     margins, events = np.full(len(branch), np.nan), np.full(len(branch), "", dtype=object)
     shown = branch.stable & branch.physical

@@ -90,14 +90,8 @@ def entry(values, arclengths, rows, found, places):
 class OrbitBackend(ABC, Generic[V]):
     """An orbit problem as steps ask for it: block-cyclic elimination, many steps at a time.
 
-    Parameters
-    ----------
-    problem : OrbitProblem
-        With one free parameter.
-    gaps : bool
-        Whether to decide at every point if it is physical.
-    doubling : bool
-        Whether the determinant of a PD is wanted.
+    One parameter is free. `gaps` says whether to decide at every point if it is physical,
+    `doubling` whether the determinant of a PD is wanted.
     """
 
     ARGUMENTS: ClassVar[str]

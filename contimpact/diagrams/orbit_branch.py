@@ -56,14 +56,10 @@ def tabulate(
 ) -> dict[str, Array]:
     """Return the columns of a branch: a row per point, and one for each event between points.
 
-    Parameters
-    ----------
-    entries : sequence of (Point, Entry)
-        The events' points, in order of arclength. Their rows, or those of the points they stand on,
-        have the verdicts of the first entry there, which leave the event itself out.
-    borrowed : sequence of float
-        Arclengths of points at which rounding would decide: their rows have the verdicts of the
-        next one, the last of the one before.
+    `entries` are in order of arclength. The rows of events, or of the points they lie on, have the
+    verdicts of the first entry there, which leave the event itself out. `borrowed` has the
+    arclengths of points at which rounding would decide: their rows have the verdicts of the next
+    one, the last of the one before.
     """
     places = points.arclengths
     between: list[Point] = []
@@ -202,16 +198,8 @@ def mirror_end(name: str, point: Point) -> End:
 def symmetric_end(problem: OrbitProblem, known: Known | None = None) -> Stop | None:
     """Return what ends a walk at the branch point where its orbits become images of themselves.
 
-    Parameters
-    ----------
-    known : callable ``known(problem, unknowns) -> str or None``, optional
-        Returns the name of the branch an orbit of shorter period lies on.
-
-    Returns
-    -------
-    callable or None
-        As `stop` of a walk that looks for BP. None where no orbit of the problem can be an image
-        of itself.
+    It is a `stop` of a walk that looks for BP; None where no orbit of the problem can be an image
+    of itself. `known` returns the name of the branch that an orbit of shorter period lies on.
     """
     if len(problem.word.rotations()) == 1 and symmetry_of(problem) is None:
         return None
@@ -707,21 +695,9 @@ def run_born(
 ) -> Run | End:
     """Walk along a branch from its start, one way or both as `Start` says.
 
-    Parameters
-    ----------
-    born : End
-        That of the way that is not gone.
-    name : str
-        The branch's, for the end of one that mirrors itself.
-    stop, callback : callable, optional
-        As of `contimpact.continuation.walk.walk`.
-    unphysical : bool
-        As of `walk_orbits`.
-
-    Returns
-    -------
-    Run or End
-        Where there is no first point, the end that says why.
+    `born` is the end in the direction not followed; `name`, the branch's, is for the end of one
+    that mirrors itself. The other arguments are those of `walk_orbits`. Where there is no first
+    point, returns the end that says why.
     """
     problem = start.problem
 

@@ -85,13 +85,8 @@ def explain_period_end(
 
 
 class PhysicalityEnd:
-    """What ends a walk a step behind the event that makes its orbits unphysical, as `stop`.
-
-    Parameters
-    ----------
-    stop : callable or None
-        What else ends the walk.
-    """
+    """A `stop` of a walk, a step behind the event that makes its orbits unphysical, or where
+    `stop` says."""
 
     def __init__(self, stop: Stop | None) -> None:
         self.stop = stop
@@ -112,13 +107,7 @@ class PhysicalityEnd:
 class SwitchingBackend(Backend):
     """A backend of whole flights until one of them is long, and dense linear algebra from there.
 
-    Parameters
-    ----------
-    whole : Backend
-    problem : Problem
-        Its problem, of which long flights are computed in pieces.
-    kernels : Kernels
-        Which notice that flights are long.
+    Of its problem long flights are computed in pieces; the kernels notice which are long.
     """
 
     def __init__(self, whole: Backend, problem: Problem, kernels: Kernels) -> None:

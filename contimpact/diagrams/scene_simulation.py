@@ -113,27 +113,12 @@ def simulate(
     progress: Progress | None = None,
     show: Callable[[Simulation], None] | None = None,
 ) -> Simulation:
-    """Simulate a scene.
+    """Simulate a scene with a table [simulate]; what is found is kept in the folder as it is
+    found.
 
-    Raises InputError if what is to be resumed belongs to another scene, or is not of one run.
-
-    Parameters
-    ----------
-    scene : Scene
-        With a table [simulate].
-    folder : Path
-        Where what is found is kept as it is found.
-    resume : bool
-        Whether to go on from what is kept there.
-    progress : callable, optional
-        Called with a line of text now and then.
-    show : callable, optional
-        Called with the sweeps before transitions between them are located, which may take long.
-
-    Returns
-    -------
-    Simulation
-        After an interruption from the keyboard, what was done until then.
+    `resume` continues from what is kept there: an `InputError` if that belongs to another scene, or
+    is not of one run. `show` is called with the sweeps before transitions between them are located,
+    which may take long. An interruption from the keyboard returns what was done until then.
     """
     return _Director(scene, folder, resume, progress or ignore_progress, show).run()
 
@@ -416,13 +401,7 @@ class _ReportedSimulators(Simulators):
 
 
 def write_simulation(result: Simulation, folder: Path) -> list[str]:
-    """Write the tables of a simulation, also of an interrupted one.
-
-    Returns
-    -------
-    list of str
-        The files written, relative to the folder.
-    """
+    """Write the tables of a simulation, also of an interrupted one; returns the files' names."""
     scene = result.scene
     files: dict[str, Content] = {"sweep.csv": lambda: sweep_text(result.sweep)}
     assert scene.simulate is not None

@@ -115,10 +115,7 @@ class Settled(NamedTuple):
 def settled_orbits(model: Model, kernels: Kernels, rng: np.random.Generator | int = 0) -> Settled:
     """Return the stable orbits with impacts on which motions from random states settle.
 
-    Parameters
-    ----------
-    kernels : Kernels
-        Of the model; they name the followed parameter.
+    The kernels, of the model, name the followed parameter.
     """
     simulator = Simulator(model, kernels, longest_flight=LONGEST_FLIGHT)
     generator = np.random.default_rng(rng)

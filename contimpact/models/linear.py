@@ -22,13 +22,9 @@ Matrix = Sequence[Sequence[Expr]]
 class Law(sympy.Atom):
     """What a linear flight is computed from.
 
-    Attributes
-    ----------
-    freedom, waves : int
-        Degrees of freedom, and harmonics of the forcing.
-    numbers : tuple of sympy.Expr
-        The accelerations, for each coordinate a row of factors of all positions, all velocities,
-        the cosine and sine of each harmonic, and 1; then the harmonics' angular frequencies.
+    `freedom` and `waves` count degrees of freedom and harmonics of the forcing. `numbers` are the
+    accelerations, for each coordinate a row of factors of all positions, all velocities, the cosine
+    and sine of each harmonic, and 1; then the harmonics' angular frequencies.
     """
 
     __slots__ = ("freedom", "numbers", "waves")

@@ -22,10 +22,8 @@ MEAN, END = 0, 1
 class Field(sympy.Atom):
     """What a flight is integrated from.
 
-    Attributes
-    ----------
-    accelerations : tuple of sympy.Expr
-        One for each coordinate, in the symbols of `Field.state` and the parameters.
+    There is an acceleration for each coordinate, in the symbols of `Field.state` and the
+    parameters.
     """
 
     __slots__ = ("accelerations",)

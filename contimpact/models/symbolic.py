@@ -90,23 +90,14 @@ def driven_oscillator(
     rest: Expr | float = 0,
     load: Expr | float = 0,
 ) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    r"""State the motion of an oscillator under harmonics.
+    r"""State the motion of an oscillator under harmonics (omega, a, b), as in
+    `models.model.Formulas`.
 
     .. math:: \ddot x + c\dot x + k(x - x_r) = l + \sum_i a_i\cos\omega_i t + b_i\sin\omega_i t.
 
-    It is a steady response plus a transient, for any damping, but not at undamped resonance.
-
-    Parameters
-    ----------
-    waves : sequence of (omega, a, b)
-    c, k, rest, load : sympy.Expr
-        The load l is a constant force; where the motion begins at x_r, nothing is lost to the
-        difference of x and x_r however large k is.
-
-    Returns
-    -------
-    flight, acceleration : callable
-        As of `contimpact.models.model.Formulas`.
+    It is a steady response plus a transient, for any damping, but not at undamped resonance. The
+    load l is a constant force; where the motion begins at x_r, nothing is lost to the difference of
+    x and x_r however large k is. Returns the flight and the acceleration.
     """
     response = []
     for w, a, b in waves:

@@ -243,10 +243,8 @@ def arrival_rate(z: Vector, k: int, m: int, arrivals: Vector, span: float, slope
 def border(kept: Table, count: int, row: Vector, g: float) -> tuple[float, float, float, float]:
     """Eliminate impacts 2 to N from the row c of the border and its right side g.
 
-    Returns
-    -------
-    c0, c1, c_lambda, g : float
-        The border in z_1 and lambda alone. Not a number where an impact cannot be eliminated.
+    Returns c0, c1, c_lambda and g of the border in z_1 and lambda alone; NaN where an impact cannot
+    be eliminated.
     """
     c0, c1, c, from0, from1 = row[0], row[1], row[2 * count], 0.0, 0.0
     for k in range(1, count):
@@ -303,25 +301,10 @@ def solve_three(
 
 
 def solve(reduced: Reduced, kept: Table, count: int, row: Vector, g: float, out: Vector) -> float:
-    """Solve the bordered system from what `eliminate` returned.
+    """Solve the bordered system from what `eliminate` returned and kept.
 
-    Parameters
-    ----------
-    reduced : tuple
-        What `eliminate` returned.
-    kept, count
-        What it kept.
-    row : vector
-        The border's coefficients, those of lambda last.
-    g : float
-        The border's right side.
-    out : vector
-        Filled with the solution.
-
-    Returns
-    -------
-    determinant : float
-        Of the two rows left and the border; zero (or not a number) where there is no solution.
+    The row has the border's coefficients, that of lambda last, and g is its right side. Returns the
+    determinant of the two rows left and the border; zero (or NaN) where there is no solution.
     """
     p00, p01, p10, p11, q00, q01, q10, q11, l0, l1, f0, f1, sign, _, _ = reduced
     c0, c1, c, g = border(kept, count, row, g)

@@ -46,16 +46,8 @@ def assemble(
 ) -> float:
     """Evaluate every flight of a cycle at the unknowns z; returns the largest residual.
 
-    Parameters
-    ----------
-    flight : callable ``flight(kind, ends, values)``
-        The `segments.layout.Blocks` of one flight, from the 2m unknowns at its ends.
-    setup, kinds, periods, place, values, blocks, clock, fixed, z
-        As of `block_cyclic.assemble`.
-    m : int
-        Unknowns per impact.
-    ends : vector
-        Scratch space for 2m numbers.
+    As `block_cyclic.assemble` with m unknowns per impact: ``flight(kind, ends, values)`` takes the
+    2m unknowns at its ends, for which `ends` is scratch space.
     """
     count = len(kinds)
     n = m * count
@@ -98,18 +90,11 @@ def eliminate(
     z: Vector,
     span: float,
 ) -> None:
-    """Eliminate impacts 2 to N.
+    """Eliminate impacts 2 to N, as `block_cyclic.eliminate` with m unknowns per impact.
 
-    Parameters
-    ----------
-    blocks, arrivals, kept, right, exact, z, span
-        As of `block_cyclic.eliminate`.
-    work : table
-        Scratch space of 2m rows of 3m + 2 numbers.
-    reduced : vector
-        Filled with what is left. The sign is 0 where an impact cannot be eliminated.
-    drift : float
-        Derivative of the orbit's period by lambda.
+    `work` is scratch space of 2m rows of 3m + 2 numbers; `reduced` is filled with what is left, its
+    sign 0 where an impact cannot be eliminated; `drift` is the derivative of the orbit's period by
+    lambda.
     """
     count, size = len(arrivals), m * m
     b = blocks[0]

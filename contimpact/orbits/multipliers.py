@@ -126,17 +126,8 @@ def multipliers_by_elimination(
 ) -> tuple[float, float, float, float]:
     """Return real and imaginary parts of both multipliers, the larger first.
 
-    Parameters
-    ----------
-    reduced : tuple
-        What `eliminate` returned.
-    product : float
-        Of all multipliers, det A_k / det B_k; NaN where an impact velocity is zero.
-
-    Notes
-    -----
-    The larger comes from the pencil P + mu Q, the smaller from the product of both, which keeps
-    its relative accuracy.
+    The larger comes from the pencil P + mu Q, the smaller from the product of both, det A_k / det
+    B_k, which keeps its relative accuracy; it is NaN where an impact velocity is zero.
     """
     p00, p01, p10, p11, q00, q01, q10, q11 = reduced[:8]
     return roots(
@@ -149,12 +140,7 @@ def roots(
 ) -> tuple[float, float, float, float]:
     """Return the two roots of a quadratic, as real and imaginary parts, the larger first.
 
-    Parameters
-    ----------
-    quadratic, linear, constant : float
-        Coefficients.
-    product : float
-        Of the roots, more accurate than constant/quadratic, or not a number.
+    Their product is more accurate than constant/quadratic, or NaN.
     """
     known = product - product == 0.0
     discriminant = linear * linear - 4.0 * quadratic * constant
@@ -207,15 +193,8 @@ class Stability:
 
 
 def stability_of(start: Array, end: Array) -> Stability:
-    """Return multipliers and determinants of a cycle.
+    """Return multipliers and determinants of a cycle from the blocks A_k and B_k, shape (N, m, m).
 
-    Parameters
-    ----------
-    start, end : ndarray of shape (N, m, m)
-        The blocks A_k and B_k.
-
-    Notes
-    -----
     For m = 2 the larger multiplier comes from the pencil and the smaller from the product of both,
     which keeps its relative accuracy.
     """
@@ -235,12 +214,7 @@ def with_arrival_rates(
 ) -> Array:
     """Return the blocks B_k with the derivatives of arrivals by their times as the orbit has them.
 
-    Parameters
-    ----------
-    arrivals : sequence of int
-        Where each flight ends; see `contimpact.segments.segment`.
-    unknowns, span
-        Of the orbit; see `contimpact.orbits.block_cyclic.eliminate`.
+    `arrivals` as in `segments.segment`, `unknowns` and `span` as in `block_cyclic.eliminate`.
     """
     found, m = end.copy(), end.shape[1]
     for k, slope in enumerate(end[:, 0, 0].tolist()):
@@ -281,15 +255,7 @@ def count_unstable(values: Array) -> Array:
 def neimark_sacker(products: Array) -> Array:
     """Return a bounded function that vanishes where two multipliers have the product 1.
 
-    Parameters
-    ----------
-    products : ndarray of shape (..., pairs)
-        As of `Stability`.
-
-    Returns
-    -------
-    ndarray of shape (...)
-        The product of (D - 1)/(|D| + 1) over all pairs that are finite.
+    It is the product of (D - 1)/(|D| + 1) over all pairs (the last axis) that are finite.
     """
     with np.errstate(invalid="ignore"):
         parts = (products - 1.0) / (np.abs(products) + 1.0)
@@ -297,19 +263,10 @@ def neimark_sacker(products: Array) -> Array:
 
 
 def collapse(start: Array, end: Array) -> tuple[Array, Array, float, float]:
-    """Merge the flights of a cycle into one pencil P + mu Q.
+    """Merge the flights of a cycle into one pencil P + mu Q, from its blocks A_k and B_k.
 
-    Parameters
-    ----------
-    start, end : ndarray of shape (N, m, m)
-        The blocks A_k and B_k.
-
-    Returns
-    -------
-    P, Q : ndarray of shape (m, m)
-    sign, logarithm : float
-        Of the factor by which the determinant of the cyclic matrix, the last coupling multiplied
-        by mu, is that of P + mu Q (m is even).
+    Returns P and Q, of shape (m, m), and sign and logarithm of the factor by which the determinant
+    of the cyclic matrix, the last coupling multiplied by mu, is that of P + mu Q (m is even).
     """
     sign, logarithm = 1.0, 0.0
     m = start.shape[1]

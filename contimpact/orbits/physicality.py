@@ -81,34 +81,15 @@ def verdict(
     times: Vector,
     velocities: Vector,
 ) -> tuple[int, int, int, float, float, float]:
-    """Decide whether an orbit is physical, from numbers.
+    """Decide whether an orbit is physical, from numbers: its word, durations and velocities.
 
     It is if all flights last, within `AT_ONCE`, none passes a wall, and every impact runs towards
-    its wall or is at rest within `AT_REST`.
+    its wall or is at rest within `AT_REST`. `gaps` has the smallest gap of each flight to each wall
+    and `times` when it is reached, NaN where there is none; velocities are those before impacts.
 
-    Parameters
-    ----------
-    walls : vector of int
-        The word.
-    sides : vector
-        Of the walls.
-    durations : vector
-        Of the flights.
-    gaps, times : vector
-        Smallest gap of each flight to each wall, and when; not numbers where there is none.
-    velocities : vector
-        Before the impacts.
-
-    Returns
-    -------
-    what : int
-        0 for physical, or why not.
-    place, wall : int
-        Of the flight or impact, and of the wall passed.
-    amount, when : float
-        The duration, the depth or the velocity; the time of a touch.
-    smallest : float
-        Smallest gap of all; not a number where there is none.
+    Returns what is found (0 for physical, or why not), the place of the flight or impact and the
+    wall passed, the amount (a duration, depth or velocity), the time of a touch, and the smallest
+    gap of all, NaN where there is none.
     """
     what, place, wall, amount, when, smallest = 0, 0, 0, 0.0, 0.0, math.inf
     count, span = len(sides), 0.0

@@ -53,12 +53,10 @@ from .physicality import AT_REST, Verdict, findings, verdict_of
 
 
 class Path(NamedTuple):
-    """The motion along an orbit's period.
+    """The motion along an orbit's period: times, gap coordinate and its velocity, flight by
+    flight.
 
-    Attributes
-    ----------
-    t, x, v : ndarray of shape (N * points,)
-        Times, gap coordinate and its velocity, flight by flight: velocities jump at impacts.
+    Velocities jump at impacts.
     """
 
     t: Array
@@ -183,16 +181,11 @@ def _motion_by_segment(
 
 
 class CyclicBlocks(NamedTuple):
-    """Residual and blocks of all segments of an orbit.
+    """Residual (n,) and blocks of all segments of an orbit: A_k and B_k, shape (N, m, m), and (n,
+    free).
 
-    Attributes
-    ----------
-    residual : ndarray of shape (n,)
-    start, end : ndarray of shape (N, m, m)
-        The blocks A_k and B_k.
-    by_parameter : ndarray of shape (n, free)
-    together : bool
-        Whether rows of a flight are combinations of its equations; see `layout.CombinedBlocks`.
+    They are `together` where rows of a flight are combinations of its equations; see
+    `layout.CombinedBlocks`.
     """
 
     residual: Array
@@ -205,13 +198,8 @@ class CyclicBlocks(NamedTuple):
 class Summary(NamedTuple):
     """What a branch keeps of a point, as a row of 2 m + 7 numbers; or of many, as rows.
 
-    Attributes
-    ----------
-    largest_residual : float
-    multipliers : ndarray of complex, shape (m,)
-        Largest first.
-    findings : ndarray of shape (6,)
-        What `physicality.verdict` returns; the first is NaN where that was not asked for.
+    The m multipliers are complex, the largest first; the 6 findings are what `physicality.verdict`
+    returns, the first NaN where that was not asked for.
     """
 
     largest_residual: Number
@@ -234,14 +222,7 @@ class Summary(NamedTuple):
 class Linearisation:
     """An orbit problem at one point; what follows from it is computed when asked for.
 
-    Parameters
-    ----------
-    problem : OrbitProblem
-    unknowns : ndarray of shape (n + free,)
-    blocks : CyclicBlocks, optional
-        Evaluated when asked for if not given.
-    summary : Summary, optional
-        What is known of the point already.
+    The blocks are evaluated then, if they are not given; a summary is what is known already.
     """
 
     def __init__(
@@ -637,10 +618,8 @@ class OrbitProblem:
     def evaluate(self, unknowns: Array) -> Linearisation:
         """Evaluate residual and blocks at a point.
 
-        Raises
-        ------
-        ArithmeticError, ValueError
-            Where a formula has no value (a parameter outside its domain, an overflow).
+        Raises ArithmeticError or ValueError where a formula has no value (a parameter outside its
+        domain, an overflow).
         """
         m, n = self.m, self.n
         z = unknowns.tolist()
@@ -685,17 +664,12 @@ class OrbitProblem:
     def second_along(
         self, unknowns: Array, direction: Array, mu: float = 1.0, beside: float = 1.0
     ) -> Array:
-        """Return the gradient by z of the cyclic matrix times a direction, an (n, n + free) matrix.
+        """Return the gradient by z of the cyclic matrix times a direction, an (n, n + free)
+        matrix.
 
-        Parameters
-        ----------
-        unknowns, direction : ndarray of shape (n + free,)
-            The direction is q = (q_1, ..., q_N, q_lambda).
-        mu : float
-            In the last flight the arrival moves by mu q_1. With mu = 1 the result is the
-            derivative of the Jacobian along q.
-        beside : float
-            The same factor for the direction the result is multiplied with.
+        The direction is q = (q_1, ..., q_N, q_lambda). In the last flight the arrival moves by mu
+        q_1; with mu = 1 the result is the derivative of the Jacobian along q. `beside` is the same
+        factor for the direction the result is multiplied with.
         """
         m, n = self.m, self.n
         z, q = unknowns.tolist(), direction.tolist()
@@ -771,15 +745,10 @@ class OrbitProblem:
         return np.concatenate([first, second])
 
     def third_along(self, unknowns: Array, direction: Array, mu: float = 1.0) -> Array:
-        """Return the third derivative of the residual along a direction, shape (n,).
+        """Return the third derivative of the residual along a direction (q_1, ..., q_N), shape
+        (n,).
 
-        Parameters
-        ----------
-        unknowns : ndarray of shape (n + free,)
-        direction : ndarray of shape (n,)
-            (q_1, ..., q_N); parameters are held.
-        mu : float
-            In the last flight the arrival moves by mu q_1.
+        Parameters are held; in the last flight the arrival moves by mu q_1.
         """
         m, p = self.m, self.values(unknowns)
         z, q = unknowns.tolist(), direction.tolist()

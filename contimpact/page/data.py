@@ -124,18 +124,10 @@ def page_data(
 ) -> dict[str, Any]:
     """Return what a page shows.
 
-    Parameters
-    ----------
-    model : Model, optional
-        The system. Without it no orbits are drawn, and units are not known.
-    swept : sequence of Swept
-        Attractors of a simulation.
-    progress : callable
-        Called with a line of text for each branch.
-    fractions : (parameter, shares), optional
-        Basin fractions along the parameter.
-    motions : sequence of Motion
-        Attractors along the parameter, those of no branch among them.
+    Without a model no orbits are drawn, and units are not known. `swept` has attractors of a
+    simulation, `fractions` basin fractions along a parameter, `motions` the attractors along the
+    parameter, those of no branch among them. Progress is called with a line of text for each
+    branch.
     """
     derived = model.DERIVED if model else ()
     branches, keys = diagram.branches, keys_of(diagram.curves)

@@ -64,13 +64,7 @@ def stride(impacts: Sequence[tuple[int, int]], coordinates: int = 1) -> int:
 
 
 class Tracks:
-    """Makes tracks of one model's orbits.
-
-    Parameters
-    ----------
-    model : Model
-        Only its formulas matter, not its values.
-    """
+    """Makes tracks of one model's orbits; only its formulas matter, not its values."""
 
     def __init__(self, model: Model) -> None:
         self.model = model

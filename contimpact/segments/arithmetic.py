@@ -82,10 +82,7 @@ def kernel_of(
 ) -> Kernel:
     """Return a kernel, as a function of floats, from its text.
 
-    Parameters
-    ----------
-    functions : dict, optional
-        Functions that it calls and arithmetics do not have, written in plain sums and products.
+    `functions` are those that it calls and arithmetics do not have, in plain sums and products.
     """
     namespace = FLOATS.names | (functions or {})
     source = _CONSTANT.sub(_fold_name, text)

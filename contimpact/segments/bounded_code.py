@@ -112,15 +112,7 @@ OWN = {"square": square_pair, "cube": cube_pair, "floor": floor_pair}
 
 @functools.lru_cache(maxsize=256)
 def bounded_kernel(kernel: Kernel, only: int | None = None) -> Callable[..., Any]:
-    """Return a kernel as a function of pairs.
-
-    Parameters
-    ----------
-    kernel : Kernel
-        Without loops.
-    only : int, optional
-        The one of its results that is asked for; nothing else is computed.
-    """
+    """Return a kernel without loops as a function of pairs; of its results all, or `only` one."""
     (tree,) = (node for node in parse(kernel.source).body if isinstance(node, ast.FunctionDef))
     if only is not None:
         tree.body = _statements_of(tree.body, only)

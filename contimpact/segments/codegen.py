@@ -54,12 +54,8 @@ from .linear_flow import Shape
 class Tape:
     """Steps of a computation: sums, products, powers and functions of earlier steps.
 
-    A *value* on the tape is a number, a symbol, or a multiple of a symbol.
-
-    Attributes
-    ----------
-    steps : dict of sympy.Symbol to sympy.Expr
-        What each step's symbol stands for. Equal steps have one symbol.
+    A *value* on the tape is a number, a symbol, or a multiple of a symbol. `steps` has what each
+    step's symbol is short for; equal steps have one symbol.
     """
 
     def __init__(self) -> None:
@@ -423,14 +419,8 @@ flights, which spend their time in `flow`, none are."""
 
 
 class KernelWriter:
-    """Writes the kernels of one model, differentiated in its free parameters.
-
-    Parameters
-    ----------
-    model : Model
-    parameters : sequence of str
-        Names of the free parameters: one, or two for curves.
-    """
+    """Writes the kernels of one model, differentiated in its free parameters: one, or two for
+    curves."""
 
     def __init__(self, model: Model, parameters: Sequence[str]) -> None:
         self.model, self.parameters = model, tuple(parameters)

@@ -54,15 +54,7 @@ def available() -> bool:
 
 
 class CompiledProgram:
-    """A compiled entry function.
-
-    Parameters
-    ----------
-    function
-        Called through ctypes.
-    keep
-        Objects that must live as long as the function.
-    """
+    """A compiled entry function, called through ctypes; `keep` must live as long as it does."""
 
     def __init__(self, function: Any, keep: Any) -> None:
         self.function, self.keep = function, keep

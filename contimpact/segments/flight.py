@@ -510,31 +510,14 @@ def first_arrival(
     there; between the turning points the displacement is monotone, so that comparing it with the
     walls at the ends of each piece misses nothing. A touch counts as an arrival.
 
-    Parameters
-    ----------
-    motion, head, values
-        As in `velocity_zero`; displacements are measured from where the flight starts.
-    zeros : vector
-        Zeros of the acceleration in [0, period), in order; further times among them do no harm.
-    phase, period : float
-        The flight starts at `phase`; the zeros repeat every `period`.
-    most : int
-        Periods after which it is given up.
-    left : float
-        Time so far without a hit.
-    rising : bool
-        Direction of motion then; it decides where the velocity is zero.
-    low, high : float
-        Displacements of the walls below and above; infinite where there is none.
+    `motion`, `head` and `values` are as in `velocity_zero`; displacements, those of the walls
+    (`low`, `high`; infinite where there is none) too, are measured from where the flight starts, at
+    `phase`. `zeros` are those of the acceleration in [0, period), in order; further times among
+    them do no harm. The search begins after the time `left` with the direction of motion `rising`,
+    which decides where the velocity is zero, and is given up after `most` periods.
 
-    Returns
-    -------
-    side : int
-        +1 at the wall above, -1 at the one below, 0 for no hit.
-    dt, speed : float
-        Time and velocity before the impact; without a hit, at the last zero.
-    rising : bool
-        Direction of motion at that time.
+    Returns the side (+1 at the wall above, -1 at the one below, 0 for no hit), time and velocity
+    before the impact (without a hit, at the last zero), and the direction of motion then.
     """
     count, first = len(zeros), 0
     while first < count and zeros[first] <= phase:

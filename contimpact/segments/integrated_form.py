@@ -230,15 +230,8 @@ def _scaled_row(i: int, triangles: Sequence[Array]) -> Array:
 class Shooting:
     """The states between the ends of a flight.
 
-    Parameters
-    ----------
-    flight : IntegratedFlight
-    start : ndarray of shape (2 * freedom,)
-        The state it leaves with.
-    arrival : ndarray of shape (2 * freedom, 2 * freedom)
-        E.
-    short : ndarray of shape (2 * freedom,)
-        The residual of the arrival where the last piece leads to the state 0.
+    It leaves with the state `start`; `arrival` is E, and `short` the residual of the arrival where
+    the last piece leads to the state 0. States have 2 * freedom numbers.
     """
 
     def __init__(
@@ -480,16 +473,10 @@ class IntegratedForm(ClosedForm):
     def seen(
         self, ends: Sequence[Sequence[Number]], values: Sequence[Any], arrived: Sequence[Any] | None
     ) -> EvaluatedKernel:
-        """Evaluate the kernel on series, its flight arriving with these numbers.
+        """Evaluate the kernel on series (coefficients of unknowns and of parameter values).
 
-        Parameters
-        ----------
-        ends : sequence of sequence
-            Coefficients of each unknown of the start and the end.
-        values : sequence
-            Parameter values, coefficients where they move.
-        arrived : sequence or None
-            Coefficients of mean and end velocities; zero by default.
+        Its flight arrives with the coefficients `arrived` of mean and end velocities; zero by
+        default.
         """
         asked: list[Any] = []
 
@@ -534,17 +521,7 @@ def _coefficients(numbers: Sequence[Any], size: int) -> Array:
 
 
 class Split:
-    """A flight in pieces at given ends, and what its blocks are made of.
-
-    Parameters
-    ----------
-    form : IntegratedForm
-    ends : list of float
-        Unknowns of the start and of the end.
-    values : list of float
-    known : Split or None
-        A flight nearby.
-    """
+    """A flight in pieces at given ends, and what its blocks are made of; `known` is one nearby."""
 
     def __init__(
         self,

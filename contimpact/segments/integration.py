@@ -142,17 +142,9 @@ def _heyoka() -> Any:
 
 
 class Integrator:
-    """The flow of a field, compiled.
+    """The flow of a field, compiled, with derivatives by some directions of `Statement.names`.
 
-    Parameters
-    ----------
-    field : str
-    directions : tuple of str
-        Of `Statement.names`: what derivatives are taken by.
-    degree : int
-        Of the truncated series that it integrates; 0 for numbers.
-    bits : int
-        Of the numbers; 0 for doubles.
+    It integrates series truncated at `degree` (0 for numbers) in numbers of `bits` (0 for doubles).
     """
 
     def __init__(self, field: str, directions: tuple[str, ...], degree: int, bits: int) -> None:
@@ -252,19 +244,12 @@ class Integrator:
     def __call__(
         self, numbers: Sequence[Any], longest: float = math.inf, most: int = MOST_STEPS
     ) -> list[Any]:
-        """Return mean and end velocities, and then the same of their derivatives by each direction.
+        """Return mean and end velocities, and then the same of their derivatives by each
+        direction.
 
-        Raises ArithmeticError if the flow ceases to be finite on the way, or asks for too many
-        steps.
-
-        Parameters
-        ----------
-        numbers : sequence
-            One for each of `Statement.names`.
-        longest : float
-            Part of the flight that a step may take.
-        most : int
-            How many steps it may ask for.
+        The numbers are those of `Statement.names`; a step takes at most the part `longest` of the
+        flight. Raises ArithmeticError if the flow ceases to be finite on the way, or asks for more
+        than `most` steps.
         """
         self._given[:] = numbers[: self._used]
         d = self.stated.freedom
@@ -308,15 +293,11 @@ class Integrator:
         ]
 
     def dense(self, numbers: Sequence[float]) -> tuple[Array, Array, Array]:
-        """Return the flow as polynomials, one for each step.
+        """Return the flow as polynomials, one for each step, whose ends are parts of the flight.
 
-        Returns
-        -------
-        times : ndarray of shape (steps + 1,)
-            Parts of the flight.
-        means, speeds : ndarray of shape (steps, freedom, order + 1)
-            Coefficients of the mean velocities times the part of the flight, and of the velocities,
-            by powers of the time since the step's start as a part of the step.
+        The coefficients, of shape (steps, freedom, order + 1), are those of the mean velocities
+        times the part of the flight, and of the velocities, by powers of the time since the step's
+        start as a part of the step.
         """
         d = self.stated.freedom
         self._given[:] = numbers[: self._used]
@@ -417,14 +398,7 @@ def integrator(
 
 
 class BatchIntegrator(Integrator):
-    """The flow of a field, compiled for as many flights as the processor computes at once.
-
-    Parameters
-    ----------
-    field : str
-    directions : tuple of str
-        As of `Integrator`.
-    """
+    """An `Integrator` compiled for as many flights as the processor computes at once."""
 
     def __init__(self, field: str, directions: tuple[str, ...]) -> None:
         super().__init__(field, directions, 0, 0)
@@ -436,15 +410,10 @@ class BatchIntegrator(Integrator):
         return self.hy.taylor_adaptive_batch(system, blank, opt_level=1)
 
     def each(self, rows: Array) -> Array:
-        """Return what an `Integrator` does for each row of numbers.
+        """Return what an `Integrator` does for each row of the numbers of `Statement.names`.
 
         Flights of like duration are integrated together. One that ceases to be finite stops those
         beside it; then they are integrated one by one.
-
-        Parameters
-        ----------
-        rows : ndarray of shape (flights, names)
-            A number for each of `Statement.names`.
         """
         found = np.full((len(rows), len(self._rows)), np.nan)
         usable = np.flatnonzero(np.all(np.isfinite(rows), axis=1))
@@ -503,16 +472,9 @@ class Fields(Protocol):
 
 
 class IntegratedTrack:
-    """The states of a flight.
+    """The states of a flight by the field of `text_of`, of positive duration `length`.
 
-    Parameters
-    ----------
-    field : str
-        As of `text_of`.
-    numbers : sequence of float
-        As of `integration.flown`, without the duration.
-    length : float
-        Its duration, positive.
+    Its numbers are those of `flown`, without the duration.
     """
 
     def __init__(self, field: str, numbers: Sequence[float], length: float) -> None:
@@ -605,12 +567,8 @@ def track_between(
 class IntegratedCurve:
     """A coordinate along a flight: position, velocity and acceleration.
 
-    Parameters
-    ----------
-    times : ndarray of shape (pieces + 1,)
-        Where pieces begin and end.
-    position, velocity : ndarray of shape (pieces, degree + 1)
-        Coefficients of powers of the time since the piece's start, as a part of its duration.
+    `times` are the ends of the pieces; the coefficients, of shape (pieces, degree + 1), are of
+    powers of the time since the piece's start, as a part of its duration.
     """
 
     def __init__(self, times: Array, position: Array, velocity: Array) -> None:
@@ -659,19 +617,10 @@ class IntegratedCurve:
 
 
 def velocities_at(field: str, numbers: Sequence[float], times: Array) -> Array:
-    """Return mean velocities and end velocities of flights that leave together, a row for each.
+    """Return mean velocities and end velocities of flights that leave together, as (2 * freedom,
+    n).
 
-    Parameters
-    ----------
-    field, numbers
-        As of `IntegratedTrack`.
-    times : ndarray of shape (n,)
-        Their durations, none negative.
-
-    Returns
-    -------
-    ndarray of shape (2 * freedom, n)
-        NaN where the flow does not stay finite.
+    `times` are their n durations, none negative. NaN where the flow does not stay finite.
     """
     freedom = statement(field).freedom
     longest = float(np.max(times, initial=0.0))
@@ -705,21 +654,11 @@ decides, so that results do not depend on what a process has done before."""
 
 
 def flown(field: str, directions: str, *numbers: float) -> Sequence[float]:
-    """Return mean and end velocities of a flight, and their derivatives.
+    """Return mean and end velocities of a flight, and the same of their derivatives by each
+    direction.
 
-    Parameters
-    ----------
-    field : str
-        As of `text_of`.
-    directions : str
-        Names of `Statement.names`.
-    *numbers : float
-        A value for each of these names.
-
-    Returns
-    -------
-    sequence of float
-        Mean velocities, then end velocities; the same of the derivatives by each direction.
+    The field is that of `text_of`; directions are among `Statement.names`, each of which has a
+    number.
     """
     return _flown(field, directions, numbers)
 

@@ -32,10 +32,7 @@ from .segment import ELSEWHERE, ClosedForm, Passages, passages_of
 def check_once(model: Model) -> list[str]:
     """Return what `check_model` has compared, once for a model's formulas, values and version.
 
-    Raises
-    ------
-    InputError
-        Naming what contradicts itself.
+    An `InputError` names what contradicts itself.
     """
     folder, key = cache_folder(), _key(model)
     system = re.sub(r"\W", "_", model.SYSTEM)
@@ -177,8 +174,7 @@ class Kernels:
     def guards_ahead(self, left: int) -> list[int]:
         """Return the guards of the mode after one beyond which a flight may begin, of several
         coordinates: not on their surface, and the mode before does not have them, or the rate of
-        their gap coordinates jumps there.
-        """
+        their gap coordinates jumps there."""
         guards, passages = self.model.WALLS, self.passages
         if self.model.DEGREES_OF_FREEDOM == 1:
             return []

@@ -63,24 +63,12 @@ BEYOND = "a linear flight with numbers beyond the range of floats"
 def flow(d: int, h: int, directions: int, dt: float, *numbers: float) -> tuple[float, ...]:
     """Return the rows of a linear flight that the equations of orbits are made of.
 
-    The last few are kept: both coordinates of a flight are asked for at its ends and turns.
-
-    Parameters
-    ----------
-    d, h, directions : int
-        As in `linear_flow.Shape`.
-    dt : float
-        Duration.
-    *numbers : float
-        The accelerations as d rows of G; the angular frequencies of the harmonics; then, for each
-        direction, the derivatives of all these.
-
-    Returns
-    -------
-    tuple of float
-        Tables of d rows of `Shape.size` numbers: mean velocities (the rows of Q of the positions),
-        end velocities (those of 1 + tQ of the velocities), the derivatives of both by the
-        duration, and those of both by each direction.
+    d, h and directions as in `Shape`; dt is the duration. The numbers are the accelerations as d
+    rows of G, the angular frequencies of the harmonics, then, for each direction, the derivatives
+    of all these. Returns tables of d rows of `Shape.size` numbers: mean velocities (the rows of Q
+    of the positions), end velocities (those of 1 + tQ of the velocities), the derivatives of both
+    by the duration, and those of both by each direction. The last few are kept: both coordinates of
+    a flight are asked for at its ends and turns.
     """
     return _flow(d, h, directions, dt, numbers)
 
@@ -121,20 +109,11 @@ def balance(
 ) -> float:
     """Fill in G and its derivatives in units of their own; returns the norm of all these together.
 
-    In the plain subset of Python that `contimpact.compiling` compiles, as the rest.
-
-    Parameters
-    ----------
-    d, h, directions, numbers
-        As of `flow`.
-    scales : vector
-        Filled with the units of X: those of velocities and forces by the frequencies there are.
-    sums : vector
-        Filled with the sums of the sizes in each column of G.
-    sizes : vector
-        Filled with those of the derivatives, beside G. All of these are powers of two.
-    top : vector
-        Filled with [G, G_1, G_2], row by row; it has to be zero elsewhere.
+    `scales` is filled with the units of X (those of velocities and forces by the frequencies there
+    are), `sums` with the sums of the sizes in each column of G, `sizes` with those of the
+    derivatives beside G; all are powers of two. `top`, zero elsewhere, is filled with [G, G_1,
+    G_2], row by row. In the plain subset of Python that `contimpact.compiling` compiles, as the
+    rest.
     """
     n = 2 * d + 2 * h + 1
     given, columns = d * n + h, n * (directions + 1)

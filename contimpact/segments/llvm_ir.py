@@ -133,13 +133,7 @@ ORDER: dict[type, tuple[str, str]] = {
 
 
 class Translation:
-    """The functions of a program, translated as they are called.
-
-    Parameters
-    ----------
-    text : str
-        Of a `machine_code.Program`.
-    """
+    """The functions of the text of a `machine_code.Program`, translated as they are called."""
 
     def __init__(self, text: str) -> None:
         self.trees: dict[str, ast.FunctionDef] = {}
@@ -209,14 +203,7 @@ def _struct(leaves: Sequence[str]) -> str:
 class Body:
     """One function for arguments of given types.
 
-    Parameters
-    ----------
-    program : Translation
-    tree : ast.FunctionDef
-    types : tuple
-        Of the arguments.
-    known : mapping
-        Types of variables, as an earlier translation found them.
+    `known` has the types of variables, as an earlier translation found them.
     """
 
     def __init__(
@@ -822,15 +809,9 @@ OPERATIONS: dict[str, Callable[[Body, Sequence[Value]], Value]] = {
 
 
 def intermediate_code(text: str, arguments: str) -> str:
-    """Return the module of a program whose entry is the function ``entry``.
+    """Return the module of a program whose entry is the function ``entry``, in plain Python.
 
-    Parameters
-    ----------
-    text : str
-        In the plain subset of Python.
-    arguments : str
-        Kinds of the entry's arguments.
-
-    Raises NotImplementedError for what is not in the subset.
+    `arguments` are the kinds of the entry's arguments. Raises NotImplementedError for what is not
+    in the subset.
     """
     return Translation(text).module(arguments)

@@ -48,34 +48,21 @@ def excursions(
     phase: float,
     period: float,
 ) -> Excursion:
-    """Return the highest maximum and the lowest minimum inside a flight, and when they are reached.
+    """Return the highest maximum and the lowest minimum inside a flight, and when they are
+    reached.
 
     Between two zeros of the acceleration the velocity is monotone and has at most one zero. A
     flight that leaves its wall outwards, or reaches the next from outside, does so because an
     impact runs the wrong way; that excursion belongs to the impact and is left out.
 
-    Parameters
-    ----------
-    motion, head, values
-        As in `velocity_zero`.
-    length : float
-        Duration of the flight.
-    arriving : float
-        Velocity before the impact that ends it.
-    left_side, reached_side : float
-        Sides, on this flight, of the walls left and reached; zero where there is none.
-    zeros : vector
-        Zeros of the acceleration in [0, period), in order.
-    phase, period : float
-        The flight leaves at `phase`; the zeros repeat every `period`.
+    `motion`, `head` and `values` are as in `velocity_zero`, `length` is the duration and `arriving`
+    the velocity before the impact that ends the flight. The sides are those, on this flight, of the
+    walls left and reached, zero where there is none. The flight leaves at `phase`; `zeros` are
+    those of the acceleration in [0, period), in order.
 
-    Returns
-    -------
-    highest, when_highest, lowest, when_lowest : float
-        Displacements, and times after leaving; not numbers where there is none.
-    slowest : float
-        The velocity nearest to zero at a zero of the acceleration inside the flight: where it
-        passes zero, two extrema are born or merge. Not a number where there is none.
+    Displacements, and times after leaving, are NaN where there is none. Last comes the velocity
+    nearest to zero at a zero of the acceleration inside the flight: where it passes zero, two
+    extrema are born or merge.
     """
     high, when_high, low, when_low = math.nan, math.nan, math.nan, math.nan
     slowest = math.nan

@@ -63,17 +63,8 @@ def follow_all(
 ) -> int:
     """Fill in the steps of a flight, and when the gap coordinates' accelerations change sign.
 
-    Parameters
-    ----------
-    d, waves, numbers, state
-        Of the law, as the kernel ``law`` returns it.
-    weights : vector
-        Of the coordinates in each of `count` gap coordinates.
-
-    Returns
-    -------
-    int
-        How many steps there are; -1 if they would be more than `MOST`.
+    The law is as the kernel ``law`` returns it; `weights` are of the coordinates in each of `count`
+    gap coordinates. Returns how many steps there are; -1 if they would be more than `MOST`.
     """
     rate = frequency_bound(d, waves, numbers)
     if not rate * length < MOST:

@@ -93,11 +93,8 @@ class Passages(NamedTuple):
 def neighbouring_guards(guards: Sequence[Guard], passages: Passages, wall: int) -> tuple[int, int]:
     """Return the guards below and above that a flight from a guard can meet; -1 for none.
 
-    Raises
-    ------
-    InputError
-        If there is no telling on which side of its surface the flight goes on, or there are two
-        guards on one side.
+    Raises InputError if the side of its surface on which the flight leaves is not known, or there
+    are two guards on one side.
     """
     if passages.leaving[wall] == 0.0:
         found = f"behind {guards[wall].name} its next mode has no guard on the same surface"
@@ -114,11 +111,7 @@ def neighbouring_guards(guards: Sequence[Guard], passages: Passages, wall: int) 
 def passages_of(guards: Sequence[Guard], back: Callable[[int, int], bool]) -> Passages:
     """Return what meets flights.
 
-    Parameters
-    ----------
-    guards : sequence of Guard
-    back : callable ``back(left, reached) -> bool``
-        Whether a flight between two guards ends on the surface that it leaves.
+    ``back(left, reached)`` says whether a flight between two guards ends on the surface it leaves.
     """
     places = range(len(guards))
     watched = tuple(tuple(a.next_mode in b.modes for b in guards) for a in guards)
@@ -268,14 +261,7 @@ class Source(Protocol):
 
 
 class ClosedForm:
-    """The flight from one wall to another; see `segment.Segment`.
-
-    Parameters
-    ----------
-    kernels : KernelSource
-    start, end : str
-        The walls left and reached.
-    """
+    """The flight from one wall to another, in closed form; see `Segment`."""
 
     def __init__(self, kernels: KernelSource, start: str, end: str) -> None:
         self.name = start + end

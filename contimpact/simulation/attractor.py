@@ -278,22 +278,11 @@ NEAR = 1e-4
 class Cycle:
     """One period of a motion that repeats itself.
 
-    Attributes
-    ----------
-    walls, released : ndarray of shape (N,)
-    times, velocities : ndarray of shape (N,)
-        Times from the start of the first impact's period.
-    period : int
-        In forcing periods.
-    multipliers : tuple of float or complex
-        Of the map over the period, the largest first; of one degree of freedom both are zero if the
-        body sticks.
-    closing : float
-        By how much the last impact misses the first.
-    others : ndarray of shape (N, n)
-        The other section coordinates; n is zero for one degree of freedom.
-    held : ndarray of int, shape (N,)
-        The walls held before each row, of several.
+    The N times are from the start of the first impact's period, which is in forcing periods. The
+    multipliers, the largest first, are those of the map over the period; of one degree of freedom
+    both are zero if the body sticks. `closing` is by how much the last impact misses the first,
+    `others` (N, n) the other section coordinates (n is zero for one degree of freedom), `held` the
+    walls held before each row, of several degrees of freedom.
     """
 
     walls: Array
@@ -327,17 +316,8 @@ NOTHING = 1e-14
 def solve_cycle(simulator: Simulator, state: State, impacts: int, period: int) -> Cycle | None:
     """Solve for the cycle near a state by Newton's iteration on the simulated map.
 
-    Parameters
-    ----------
-    state : State
-        An impact near the cycle.
-    impacts, period : int
-        Of the cycle; the period in forcing periods.
-
-    Returns
-    -------
-    Cycle or None
-        None if the iteration leaves the word or does not converge.
+    The state is at an impact; the period is in forcing periods. None if the iteration leaves the
+    word or does not converge.
     """
     best, word = math.inf, None
     for _ in range(12):

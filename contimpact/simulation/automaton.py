@@ -142,12 +142,7 @@ Piece = tuple[Array, Array, Array]
 def path_of(automaton: Automaton, states: Sequence[State], times: Array, points: int) -> Piece:
     """Return the gap coordinate of every guard from state to state, and their velocities.
 
-    Parameters
-    ----------
-    times : ndarray of shape (N,)
-        Their times.
-    points : int
-        Times on each flight.
+    The N states are at `times`; each flight has `points`.
     """
 
     def piece(k: int) -> Piece:
@@ -192,20 +187,8 @@ MOVED = 1e-10
 class Automaton:
     """A model at fixed parameter values, with all its modes and guards.
 
-    Parameters
-    ----------
-    model : Model
-    kernels : Kernels
-    period : float
-    positions : sequence of float
-        Of the guards.
-    longest : int
-        Periods after which a flight is given up.
-
-    Attributes
-    ----------
-    restitution : tuple of float
-        At low velocity; 1 where a guard leads to another mode.
+    A flight is given up after `longest` periods. `restitution` is that at low velocity; 1 where a
+    guard leads to another mode.
     """
 
     costly = True

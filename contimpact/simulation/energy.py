@@ -168,13 +168,7 @@ def _lost_energies(kernels: Kernels, model: Model, walls: Array, section: Array)
 
 
 def require_masses(model: Model, kernels: Kernels, where: str) -> None:
-    """Refuse a system of whose impacts the losses are not known.
-
-    Raises
-    ------
-    InputError
-        With the place of what asks for them.
-    """
+    """Refuse, at the place `where`, a system of whose impacts the losses are not known."""
     if any(kernels.loss(letter).family is Family.UNKNOWN for letter in model.letters):
         raise _unknown_energy_error(where, model)
 

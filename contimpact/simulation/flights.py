@@ -69,16 +69,7 @@ class Contact:
 
 
 class LinearMotion:
-    """The motion of a mode by a linear law, some guards held.
-
-    Parameters
-    ----------
-    shape : Shape
-    numbers : sequence of float
-        The law of free motion, as of `segments.linear_flow.flow`.
-    contacts : sequence of Contact
-        Those that are held.
-    """
+    """The motion of a mode by a linear law (see `linear_flow.flow`), some contacts held."""
 
     def __init__(
         self, shape: Shape, numbers: Sequence[float], contacts: Sequence[Contact] = ()
@@ -199,19 +190,11 @@ def departure(motion: Kernel, arguments: Sequence[float]) -> Departure:
 def fly_integrated(
     motion: Kernel, body: Body, wall: int, phase: float, velocity: float, least: float
 ) -> tuple[int, float, float]:
-    """Return side, time and velocity of the impact that ends a flight; see `flights.fly_in_time`.
+    """Return side, time and velocity of the impact that ends a flight; see `fly_in_time`.
 
-    The side is 0, and the velocity infinite, where the flow ceases to be finite before any impact.
-    Raises StepLimitError where a window as short as the first one takes too many steps.
-
-    Parameters
-    ----------
-    motion : Kernel
-        After the wall.
-    body, wall, phase, velocity
-        As of `flights.fly_in_time`.
-    least : float
-        Time before which a zero of the acceleration belongs to the release itself.
+    A zero of the acceleration before the time `least` belongs to the release itself. The side is 0,
+    and the velocity infinite, where the flow ceases to be finite before any impact. Raises
+    StepLimitError where a window as short as the first one takes too many steps.
     """
     period, rising, speed = body.clock[0], body.leaving[wall] < 0, velocity
     left = departure(motion, (phase, velocity, 0.0, *body.values))
@@ -376,13 +359,7 @@ SHORTEST = 0.125
 
 
 class Window(Protocol):
-    """A part of a flight.
-
-    Attributes
-    ----------
-    begin, length : float
-        Its first time, since the flight's start, and its duration.
-    """
+    """A part of a flight: its first time, since the flight's start, and its duration."""
 
     @property
     def begin(self) -> float: ...

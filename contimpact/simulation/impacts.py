@@ -92,16 +92,9 @@ class Hold(NamedTuple):
 def hold_of(
     acceleration: Callable[[Any], Any], zeros: Sequence[float], side: int, period: float
 ) -> Hold:
-    """Return when a body at rest on a wall is pressed against it.
+    """Return when a body at rest on the wall of this side is pressed against it.
 
-    Parameters
-    ----------
-    acceleration : callable
-        At the wall, of phases.
-    zeros : sequence of float
-        Its zeros in a period.
-    side : int
-        Of the wall.
+    The acceleration at the wall is a function of phases, with these zeros in a period.
     """
     edges = sorted(zeros) or [0.0]
     middles = [0.5 * (a + b) for a, b in zip(edges, [*edges[1:], edges[0] + period], strict=True)]
@@ -207,20 +200,12 @@ def make_impacts(
     released: Any,
     span: Any,
 ) -> int:
-    """Simulate from impact to impact.
+    """Simulate from impact to impact; ``fly(body, wall, phase, velocity)`` is as `fly_in_time`.
 
-    Parameters
-    ----------
-    fly : callable ``fly(body, wall, phase, velocity) -> (side, dt, velocity)``
-        As `fly_in_time`.
-    state : vector of int, shape (3,)
-        Wall and turns, kept up to date, and the number of the outcome, filled in.
-    when : vector of shape (3,)
-        Phase and velocity, kept up to date, and the speed beyond which the motion runs away.
-    walls, turns, phases, velocities, released : vector
-        Filled with a number for each impact or release; of shape (0,) if no rows are kept.
-    span : vector of int, shape (2,)
-        Rows to make at most, and the turns at which to stop.
+    `state` (wall, turns) and `when` (phase, velocity) are kept up to date; they also have the
+    number of the outcome, filled in, and the speed beyond which the motion runs away. The vectors
+    of rows are filled with a number for each impact or release; of shape (0,) if none are kept.
+    `span` has the rows to make at most, and the turns at which to stop.
     """
     period, kept = body.clock[0], len(walls) > 0
     wall, turn, phase, velocity, fastest = state[0], state[1], when[0], when[1], when[2]

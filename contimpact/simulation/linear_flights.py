@@ -189,14 +189,8 @@ def first_in_piece(
 ) -> tuple[int, float, float]:
     """Return side, time and velocity of the first arrival on a piece, with certainty.
 
-    The side is 0 for none, and 2 where the piece is not resolved.
-
-    Parameters
-    ----------
-    at, to : int
-        Places of the polynomial, and of room for another one.
-    rising, low, high
-        As in `segments.flight.first_arrival`.
+    The side is 0 for none, and 2 where the piece is not resolved. The polynomial is at the place
+    `at`, with room for another one at `to`; the rest is as in `segments.flight.first_arrival`.
     """
     kind = look(space, at, 0.0, low, high)
     if kind == CLEAR:
@@ -306,12 +300,8 @@ def arrivals(
     """Return guard, time and velocity of the first arrival on a piece; -1 for none, -2 where the
     flight is left to the `automaton`.
 
-    Parameters
-    ----------
-    left : int
-        The guard that is left at the beginning of the piece; -1 for none.
-    velocity : float
-        Before the impact there.
+    `left` is the guard left at the beginning of the piece (-1 for none), with this velocity before
+    it.
     """
     width, gaps = flights.sizes[1], flights.sizes[2]
     hits, polynomials = 4 * width, 4 * width + 3 * gaps
@@ -363,12 +353,8 @@ def fly_linear(
 ) -> tuple[int, int, float]:
     """Make one flight, from the section coordinates before an impact to those before the next.
 
-    Returns
-    -------
-    outcome, wall : int
-        `DONE`, `NO_IMPACT`, `BEYOND` or `LEFT`; the guard that ends the flight.
-    dt : float
-        Its duration.
+    Returns `DONE`, `NO_IMPACT`, `BEYOND` or `LEFT`, the guard that ends the flight, and its
+    duration.
     """
     width, law = flights.sizes[1], flights.law[wall]
     section, n, d = 3 * width, flights.width[law], flights.sizes[0]
@@ -415,19 +401,9 @@ def make_flights(
 ) -> int:
     """Simulate from impact to impact; returns how many there were.
 
-    Parameters
-    ----------
-    leave : callable ``leave(wall, phase, values, space)``
-        Fills in X after an impact, from the section coordinates before it.
-    state : vector of int, shape (3,)
-        Guard and turns, kept up to date, and the number of the outcome, filled in.
-    when : vector of shape (2 d + 1,)
-        Phase and section coordinates, kept up to date, and the speed beyond which the motion runs
-        away.
-    walls, turns, phases, sections : vector
-        Filled with a number for each impact, or 2 d - 1; of shape (0,) if no rows are kept.
-    span : vector of int, shape (2,)
-        Impacts to make at most, and the turns at which to stop.
+    ``leave(wall, phase, values, space)`` fills in X after an impact, from the section coordinates
+    before it. The other arguments are as in `impacts.make_impacts`, with 2 d - 1 section
+    coordinates in place of the velocity.
     """
     size = 2 * flights.sizes[0] - 1
     at, period, kept = 3 * flights.sizes[1], flights.clock[0], len(walls) > 0
@@ -538,14 +514,7 @@ FEW = 1024
 def leaving_text(laws: Sequence[Law], given: int, place: int) -> str:
     """Return the text of ``leave``: it fills in X after an impact.
 
-    Parameters
-    ----------
-    laws : sequence of Law
-        After each guard.
-    given : int
-        Parameter values.
-    place : int
-        Of the section coordinates.
+    The laws are those after each guard; the section coordinates are at `place`.
     """
     lines = ["def leave(wall, phase, p, space):"]
     for wall, law in enumerate(laws):
@@ -653,13 +622,7 @@ def flights_of(given: Setting) -> Flights:
 class LinearRuns:
     """Runs of a system whose flights are all linear, plainly or compiled.
 
-    Parameters
-    ----------
-    given : Setting
-    kernels : sequence of Kernel
-        The law after each guard.
-
-    Raises OverflowError as `flights_of`.
+    The kernels are the law after each guard. Raises OverflowError as `flights_of`.
     """
 
     def __init__(self, given: Setting, kernels: Sequence[Kernel]) -> None:

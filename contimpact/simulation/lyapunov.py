@@ -216,21 +216,9 @@ class Exponents:
 def exponents(
     simulator: Simulator, state: State, impacts: int, *, batches: int = 20, rng: Any = 0
 ) -> Exponents:
-    """Simulate and return Lyapunov exponents.
+    """Simulate from a state on the attractor and return Lyapunov exponents.
 
-    Parameters
-    ----------
-    state : State
-        On the attractor.
-    impacts : int
-        Length of the run.
-    batches : int
-        Parts of it whose means give the error.
-    rng : optional
-        Gives the first disturbance; see `numpy.random.default_rng`.
-
-    Notes
-    -----
+    The error comes from the means of `batches` parts of the run; `rng` gives the first disturbance.
     Benettin et al., Meccanica 15 (1980), with the QR factors of 2x2 matrices written out.
     """
     return exponents_of(simulator, state, simulator.run(state, impacts=impacts), batches, rng)

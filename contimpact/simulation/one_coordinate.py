@@ -84,13 +84,7 @@ def array(numbers: Sequence[float], kind: str) -> Array:
 
 
 class Engine:
-    """Compiled code for all simulators with the same formulas.
-
-    Parameters
-    ----------
-    identity, arguments, build
-        As of `compiling.load`.
-    """
+    """Compiled code for all simulators with the same formulas; arguments as of `compiling.load`."""
 
     def __init__(
         self, identity: tuple[str, ...], arguments: str, build: Callable[[], Program]
@@ -100,13 +94,7 @@ class Engine:
         self.plain = 0
 
     def program(self, asked: int) -> CompiledProgram | None:
-        """Return the compiled program if there is one and the work is worth loading it.
-
-        Parameters
-        ----------
-        asked : int
-            Impacts of the run.
-        """
+        """Return the compiled program if there is one and so many impacts are worth loading it."""
         chosen = mode()
         if chosen == "never":
             return None
@@ -190,27 +178,10 @@ def derivative_of_pair(
 class OneCoordinate:
     """A model of one degree of freedom with, on each side in each mode, at most one wall.
 
-    Parameters
-    ----------
-    model : Model
-    kernels : Kernels
-    period : float
-    positions : sequence of float
-        Of the walls.
-    longest : int
-        Periods after which a flight is given up.
-
-    Attributes
-    ----------
-    restitution : tuple of float
-        At low velocity; 1 where a guard leads to another mode.
-    motions : tuple of Kernel
-        After each wall.
-    zeros : list of float or None
-        Where in a period the acceleration changes sign; None if it depends on the state.
-    body : Body
-    costly : bool
-        Whether an impact takes far longer than in the fast loop.
+    A flight is given up after `longest` periods. `restitution` is that at low velocity, 1 where a
+    guard leads to another mode; `motions` are those after each wall; `zeros` are where in a period
+    the acceleration changes sign, None if it depends on the state; `costly` says whether an impact
+    takes far longer than in the fast loop.
     """
 
     costly = False

@@ -257,14 +257,7 @@ def join_all(parts: Sequence[Sequence[Any]], width: int) -> dict[str, Array]:
 
 
 class PassageRule:
-    """Decides which guard is met of two on one surface; see `Guard.past`.
-
-    Parameters
-    ----------
-    kernels : Kernels
-    values, positions : sequence of float
-        Of the parameters, and of the guards.
-    """
+    """Decides which guard is met of two on one surface; see `Guard.past`."""
 
     def __init__(
         self, kernels: Kernels, values: Sequence[float], positions: Sequence[float]

@@ -388,19 +388,8 @@ PARTS = 4
 class Batch:
     """Motions from many starts.
 
-    Parameters
-    ----------
-    simulator : Simulator
-    states : sequence of State
-    threads : int, optional
-        As many as there are cores by default, or one in the processes of a study.
-
-    Attributes
-    ----------
-    walls, turns, held, released : ndarray of shape (n,)
-    phases : ndarray of shape (n,)
-    sections : ndarray of shape (n, m)
-        Where the motions are.
+    `walls`, `turns`, `held`, `released`, `phases` (n,) and `sections` (n, m) say where they are.
+    There are as many threads as cores by default, or one in the processes of a study.
     """
 
     def __init__(
@@ -425,13 +414,8 @@ class Batch:
         return State(*place, tuple(others), int(self.held[k]), bool(self.released[k]))
 
     def run(self, chosen: Array, periods: int) -> list[Outcome]:
-        """Move some motions on, by so many periods; those that end before stay where they are.
-
-        Parameters
-        ----------
-        chosen : ndarray of int
-            Their numbers.
-        """
+        """Move the motions of these numbers on, by so many periods; those that end before stay
+        there."""
         outcomes = [Outcome.DONE] * len(chosen)
         if not len(chosen):
             return outcomes
@@ -510,17 +494,8 @@ def free_motion(
 ) -> tuple[float, ...] | None:
     """Return position and velocity of each coordinate at t = 0, x0, v0, x1, v1, ...
 
-    Parameters
-    ----------
-    mode : str
-        In which the motion goes on.
-    left : State, optional
-        Its last impact.
-
-    Returns
-    -------
-    tuple of float or None
-        None if it settles on no motion of the forcing's period, or on none that is known.
+    The motion continues in this mode after its last impact `left`. None if it settles on no motion
+    of the forcing's period, or on none that is known.
     """
     law = simulator.machine.law_in(mode)
     if law is not None:

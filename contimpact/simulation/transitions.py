@@ -47,13 +47,10 @@ def locate(
     to the attractor: a long step can kick the motion out of a small basin before its attractor
     ends. Other motions are not left in this way; for them the interval is bisected.
 
-    Returns
-    -------
-    earlier, left, lost, right : Row
-        Two values with the attractor before, the second one the last; the first beyond the end; and
-        the first from there on at which the motion settles. `right` is None if a periodic attractor
-        does not end within ten times the distance of the two rows. `lost` is None, and `right` the
-        second row, where a motion without impacts cannot be started anew.
+    Returns two values with the attractor before, the second one the last; the first beyond the end;
+    and the first from there on at which the motion settles. The last is None if a periodic
+    attractor does not end within ten times the distance of the two rows. The third is None, and the
+    last the second row, where a motion without impacts cannot be started again.
     """
     earlier, left, lost = before, before, after
     step, won = 0.5 * (after.value - before.value), 0
@@ -227,11 +224,8 @@ class Transition:
 def name(before: Row, after: Row, earlier: Row | None = None) -> Transition:
     """Name the change between two neighbouring values.
 
-    Parameters
-    ----------
-    earlier : Row, optional
-        The attractor before, further away from the change: shows which quantity goes to its
-        critical value there.
+    `earlier` is the attractor before, further away from the change: it shows which quantity goes to
+    its critical value there.
     """
     one, other = before.attractor, after.attractor
     gained = other.rate - one.rate

@@ -235,17 +235,11 @@ PARTS = [_zone(name, letters) for name, letters in ZONES.items()]
 
 
 class FrictionalSoftPair(SoftPair):
-    """A soft pair with dry friction on the incline: the ball sticks and slips.
+    """A soft pair with dry friction on the incline, of coefficient mu > 0: the ball sticks and
+    slips.
 
     `SoftPair` is this where it is given mu. Its coordinates are Z and its velocity, both of first
     order; in stick the second is what holds the ball, as a part of the greatest friction.
-
-    Parameters
-    ----------
-    mu : float
-        Coefficient of friction, above 0.
-    **given
-        As of `SoftPair`.
     """
 
     DEGREES_OF_FREEDOM = 2
