@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from .models.model import Wall as Wall
     from .orbits.fitting import fit as fit
     from .orbits.orbit import Orbit as Orbit
-    from .page.notebook import view as view
+    from .page.document import view as view
     from .plots.attractors import plot_basins as plot_basins
     from .plots.attractors import plot_energy as plot_energy
     from .plots.attractors import plot_manifold as plot_manifold

@@ -45,7 +45,7 @@ TRUSTED = {
     "contimpact.segments.arithmetic": {"exec"},
     "contimpact.segments.kernels": {"exec"},
     "contimpact.segments.compiling": {"ctypes"},
-    "contimpact.segments.bounded_code": {"exec"},
+    "contimpact.segments.bounded": {"exec"},
     "contimpact.segments.llvm_ir": {"exec"},
     "contimpact.segments.transients": {"exec"},
     "contimpact.segments.machine_code": {"subprocess"},

@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 
 import contimpact as ci
 from contimpact.display import LINES, Summary, limit_lines, picture_of, table_of
-from contimpact.results.simulate_tables import Settling
+from contimpact.results.options import Settling
 from contimpact.simulation.sweep import Row, Sweep
 
 SCRIPT = "<script>alert(1)"

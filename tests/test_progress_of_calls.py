@@ -8,7 +8,7 @@ import pytest
 
 import contimpact as ci
 from contimpact import telling
-from contimpact.results.simulate_tables import Settling
+from contimpact.results.options import Settling
 
 SCENE = {
     "name": "pair",

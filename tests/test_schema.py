@@ -17,9 +17,8 @@ from zoo import ROOT
 from contimpact.continuation.settings import Settings
 from contimpact.errors import InputError
 from contimpact.results.branch import Entry, column
-from contimpact.results.options import CertifyOptions, CurveOptions, PlotOptions
+from contimpact.results.options import CertifyOptions, CurveOptions, PlotOptions, SimulateOptions
 from contimpact.results.scene import Scene, read_scene
-from contimpact.results.simulate_tables import SimulateOptions
 from contimpact.results.tables import same_data
 from contimpact.schema import (
     Key,

@@ -14,10 +14,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from contimpact.results.branch import Entry
-from contimpact.results.design_table import DesignOptions, MarginOptions
-from contimpact.results.options import CertifyOptions, CurveOptions, PlotOptions
+from contimpact.results.options import (
+    CertifyOptions,
+    CurveOptions,
+    DesignOptions,
+    MarginOptions,
+    PlotOptions,
+    SimulateOptions,
+)
 from contimpact.results.scene import Scene
-from contimpact.results.simulate_tables import SimulateOptions
 from contimpact.schema import REQUIRED, Key, keys_of
 from contimpact.studies.study_file import StudyFile
 from contimpact.systems.membrane import Membrane

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arrays import Table, Vector
-from ..segments.bounded_code import add_pairs, multiply_pairs
+from ..segments.bounded import add_pairs, multiply_pairs
 from ..segments.layout import Blocks, Setup
 
 EPSILON = float(np.finfo(float).eps)

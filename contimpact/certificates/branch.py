@@ -7,14 +7,15 @@ cut; what is left open is named with its piece of the parameter.
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
-from flint import ctx
+from flint import arb, ctx
 
 from ..bifurcations.registry import kind_of
 from ..continuation.ends import EndKind
@@ -25,14 +26,16 @@ from ..progress import Progress, ignore_progress
 from ..results.branch import Branch, Entry, model_at
 from ..schema import record
 from ..segments.kernels import Kernels
-from .birth import prove_birth
-from .equations import BallProblem
+from .birth import Birth, meet, prove_birth
+from .clearance import open_cells
+from .equations import BallProblem, Balls, prove_zero
 from .event import EventCertificate
-from .examination import BITS, DEEPEST, Examination, Findings, Piece, certified_entry
+from .orbit import Limit, limits
 from .tube import (
     Budget,
     Node,
     Segment,
+    Tube,
     halve_segment,
     nodes_of,
     points_of,
@@ -41,6 +44,389 @@ from .tube import (
     split,
     tubes_along,
 )
+from .zeros import (
+    MULTIPLIERS,
+    Cell,
+    FlightCoordinate,
+    Patch,
+    Test,
+    flights_along,
+    is_regular,
+    narrow_cell,
+    test_at,
+    zeros,
+)
+
+# What the tubes of a branch are searched for: every zero in them has to be an entry.
+
+BITS = 80
+"""Precision of tubes, whose widths are far above rounding."""
+DEEPEST = 6
+"""How often a tube is halved on which something stays open."""
+
+NO_TUBE = "no tube is proven"
+
+FAILURES = (ArithmeticError, ValueError)
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A piece of a branch, by the followed parameter at its ends, and what is said of it."""
+
+    start: float
+    end: float
+    what: str
+
+
+@dataclass(frozen=True)
+class CertifiedEntry:
+    """An entry that is certified, and what is needed to find it on a tube."""
+
+    id: str
+    kind: str
+    z: Balls
+    flight: int | None = None
+    wall: str | None = None
+    touch: Any = None
+
+
+def certified_entry(
+    entry: Entry, certificate: EventCertificate, problem: OrbitProblem
+) -> CertifiedEntry:
+    """Return a certified entry as it is looked for on tubes."""
+    inner = [arb(text) for text in certificate.inner]
+    z = inner[: problem.n + 1]
+    if entry.touch_time is None:
+        return CertifiedEntry(entry.id, entry.kind, z)
+    return CertifiedEntry(entry.id, entry.kind, z, entry.flight, entry.wall, inner[problem.n + 1])
+
+
+@dataclass
+class Findings:
+    """What is found along the tubes of a branch."""
+
+    tubes: list[tuple[Segment, Tube | Birth | None]] = field(default_factory=list)
+    events: list[str] = field(default_factory=list)
+    missing: list[Piece] = field(default_factory=list)
+    unproven: list[Piece] = field(default_factory=list)
+    open_length: float = 0.0
+
+    def leave_open(self, segment: Segment, what: str) -> None:
+        """Note a segment on which something is not proven; neighbours of a kind are one piece."""
+        piece, last = _piece(segment, what), self.unproven[-1] if self.unproven else None
+        if last is not None and (last.end, last.what) == (piece.start, what):
+            piece = replace(self.unproven.pop(), end=piece.end)
+        self.unproven.append(piece)
+        self.open_length += segment.length
+
+    def open_at(self, segment: Segment, what: str) -> None:
+        """Note a segment on which no tube is proven."""
+        self.tubes.append((segment, None))
+        self.leave_open(segment, what)
+
+    def name_crossings(self, values: Mapping[str, float]) -> None:
+        """Say of pieces without a tube which branch points lie there: no tube leads through one."""
+        for i, piece in enumerate(self.unproven):
+            low, high = sorted((piece.start, piece.end))
+            inside = [name for name, value in values.items() if low <= value <= high]
+            if inside and piece.what == NO_TUBE:
+                crossing = f"branches cross there, at {' and '.join(inside)}"
+                self.unproven[i] = replace(piece, what=crossing)
+
+    def link(self) -> None:
+        """Consecutive tubes have to hold the same orbit at their common node."""
+        for (segment, one), (_, other) in itertools.pairwise(self.tubes):
+            if one is None or not isinstance(other, Tube):
+                continue
+            if not meet(one, other):
+                self.leave_open(segment, "its tube is not proven to meet the next one")
+
+
+def _piece(segment: Segment, what: str) -> Piece:
+    start, end = (float(node.unknowns[-1]) for node in (segment.first, segment.last))
+    return Piece(start, end, what)
+
+
+class Examination:
+    """What the tubes of a branch are searched for: the kinds that a tube can be searched for, and
+    what is known. When the budget is spent, tubes are not cut any more."""
+
+    def __init__(
+        self,
+        problem: OrbitProblem,
+        kinds: Sequence[str],
+        known: Sequence[CertifiedEntry],
+        budget: Budget | None = None,
+    ) -> None:
+        self.space = BallProblem(problem, BITS)
+        self.kinds, self.known = covered_kinds(kinds), known
+        self.budget = budget or Budget()
+        self.found = Findings()
+        self.limits = limits(problem)
+
+    def account(self, segment: Segment, tube: Tube | None, depth: int = 0) -> None:
+        """Search a tube; without one, note that nothing is proven there."""
+        if tube is None:
+            self.found.open_at(segment, self.budget.message if self.budget.spent else NO_TUBE)
+            return
+        self.examine(segment, tube, depth)
+
+    def begin(self, birth: Birth) -> list[str]:
+        """Return what is not excluded on the curve on which the branch is born; without anything
+        it is accounted for."""
+        left = [
+            f"zeros of the test function of {'/'.join(kinds)} are not excluded"
+            for mu, kinds in _kinds_by_multiplier(self.kinds).items()
+            if (
+                birth.turns if mu == 1.0 else not _clear_of_zeros(birth, test_at(birth.segment, mu))
+            )
+        ]
+        if any("touch_time" in kind_of(kind).needed for kind in self.kinds):
+            for flight in range(len(self.space.problem.word)):
+                found = (
+                    patch
+                    for one in flights_along(birth, flight)
+                    for patch in one.patches(())
+                    if not one.passes(patch.wall, patch.along)
+                )
+                if next(found, None) is not None:
+                    left.append(f"touches of flight {flight + 1} are not excluded")
+            left += [_limit_text(one) for one in self.limits]
+        if not left:
+            self.found.tubes.append((birth.segment, birth))
+        return left
+
+    def examine(self, segment: Segment, tube: Tube, depth: int = 0) -> None:
+        """Account for every zero in a tube; cut it where something stays open."""
+        try:
+            events, missing, left = self._events(tube)
+        except FAILURES as error:
+            events, missing, left = [], [], [f"a test function has no enclosure ({error})"]
+        deeper = left and depth < DEEPEST and not self.budget.spent
+        if deeper and (parts := _cut_tube(segment)) is not None:
+            for part, own in parts:
+                self.examine(part, own, depth + 1)
+            return
+        self.found.tubes.append((segment, tube))
+        self.found.events += events
+        self.found.missing += [_piece(segment, what) for what in missing]
+        if left and self.budget.spent:
+            left.append(self.budget.message)
+        if left:
+            self.found.leave_open(segment, "; ".join(dict.fromkeys(left)))
+
+    def _events(self, tube: Tube) -> tuple[list[str], list[str], list[str]]:
+        """Entries in a tube, what is proven to be there besides, and what is open."""
+        placed = [(one, u) for one in self.known if (u := entry_place(tube, one)) is not None]
+        events: list[str] = []
+        missing: list[str] = []
+        left: list[str] = []
+        for mu, kinds in _kinds_by_multiplier(self.kinds).items():
+            name = "/".join(kinds)
+            own = [(one.id, u) for one, u in placed if kind_of(one.kind).multiplier == mu]
+            for cell in zeros(tube, name, test_at(tube.segment, mu)):
+                inside = [i for i, u in own if cell.left < u[0] and u[1] < cell.right]
+                events += inside
+                if cell.what == "open" or len(inside) > 1:
+                    left.append(f"zeros of the test function of {name} are not told apart")
+                elif not inside and not _is_multiplier_zero(
+                    tube, name, test_at(tube.segment, mu), cell
+                ):
+                    left.append("flights vanish there, and their multipliers with them")
+                elif not inside:
+                    missing.append(
+                        f"a zero of the test function of {name}{_place_text(tube, cell)}"
+                    )
+        if any("touch_time" in kind_of(kind).needed for kind in self.kinds):
+            self._touches(tube, placed, events, missing, left)
+        return events, missing, left
+
+    def _touches(
+        self,
+        tube: Tube,
+        placed: Sequence[tuple[CertifiedEntry, tuple[float, float]]],
+        events: list[str],
+        missing: list[str],
+        left: list[str],
+    ) -> None:
+        whole = tube.state(arb(0, 1))
+        left += [
+            _limit_text(one) for one in self.limits if one.margin(self.space, whole).contains(0)
+        ]
+        for flight in range(len(self.space.problem.word)):
+            own = [(one, u) for one, u in placed if one.touch is not None and one.flight == flight]
+            spots = [(one, u, _fraction(one, self.space)) for one, u in own]
+            for along in flights_along(tube, flight):
+                self._touches_along(along, spots, events, missing, left)
+
+    def _touches_along(
+        self,
+        along: FlightCoordinate,
+        spots: Sequence[tuple[CertifiedEntry, tuple[float, float], Any]],
+        events: list[str],
+        missing: list[str],
+        left: list[str],
+    ) -> None:
+        """Account for the touches of one gap coordinate of a flight."""
+        own = [spot for spot in spots if spot[0].wall in along.met]
+        near = [(str(one.wall), 0.5 * (u[0] + u[1]), float(s.mid())) for one, u, s in own]
+        for patch in along.patches(near):
+            inside = [one.id for one, u, s in own if _is_inside(patch, one, u, s)]
+            if patch.single and len(inside) == 1:
+                events += inside
+            elif not along.passes(patch.wall, patch.along):
+                where = f"of flight {along.flight + 1} and wall {patch.wall}"
+                if patch.single and not own and self._exists(along, patch):
+                    missing.append(f"a touch {where}")
+                else:
+                    left.append(f"touches {where} are not excluded")
+                return
+
+    def _exists(self, along: FlightCoordinate, patch: Patch) -> bool:
+        """Whether a touch in a patch is proven to exist."""
+        tube, problem = along.tube, self.space.problem
+        assert isinstance(tube, Tube)
+        u = 0.5 * sum(patch.along)
+        z = np.array([float(x.mid()) for x in tube.state(arb(u))])
+        rows = self.space.impacts(z.tolist())
+        start, later = (float(arb(rows[patch.flight + i][0]).mid()) for i in (0, 1))
+        time_ = start + 0.5 * sum(patch.at) * (later - start)
+        where = {"flight": patch.flight, "wall": patch.wall, "touch_time": time_}
+        system, own = self.space.grazing(z, where)
+        found = prove_zero(self.space, system, [*z.tolist(), *own])
+        if found is None:
+            return False
+        inner = found[1]
+        one = CertifiedEntry(
+            "", "", inner[: problem.n + 1], patch.flight, patch.wall, inner[problem.n + 1]
+        )
+        at = entry_place(tube, one)
+        wide = Patch(patch.flight, patch.wall, _widen(patch.along), _widen(patch.at), True)
+        return at is not None and _is_inside(wide, one, at, _fraction(one, self.space))
+
+
+def _limit_text(limit: Limit) -> str:
+    return f"it is not excluded that impact {limit.impact + 1} comes to the limit {limit.wall}"
+
+
+def _clear_of_zeros(birth: Birth, function: Test) -> bool:
+    """Whether a function of the flights is proven to have no zero on a curve."""
+
+    def clear(left: float, right: float) -> bool:
+        flights = birth.segment.space.flights(birth.state(arb(left).union(arb(right))))
+        return not function(flights).contains(0)
+
+    return next(open_cells((-1.0, 1.0), clear, DEEPEST, 0.5), None) is None
+
+
+def _widen(ends: tuple[float, float]) -> tuple[float, float]:
+    size = 20.0 * (ends[1] - ends[0])
+    return ends[0] - size, ends[1] + size
+
+
+def covered_kinds(kinds: Sequence[str]) -> list[str]:
+    """Return the kinds whose events can be proven complete along a branch."""
+    own = [(kind, kind_of(kind)) for kind in kinds]
+    return [
+        name
+        for name, kind in own
+        if (kind.multiplier in MULTIPLIERS and not kind.crossing) or "touch_time" in kind.needed
+    ]
+
+
+def _kinds_by_multiplier(kinds: Sequence[str]) -> dict[float, list[str]]:
+    found: dict[float, list[str]] = {}
+    for name in kinds:
+        mu = kind_of(name).multiplier
+        if mu is not None:
+            found.setdefault(mu, []).append(name)
+    return found
+
+
+def _is_multiplier_zero(tube: Tube, name: str, test: Test, cell: Cell) -> bool:
+    """Whether a zero of a test function is one of a multiplier's, for all that can be."""
+    left, right = narrow_cell(tube, name, test, cell)
+    state = tube.state(arb(left).union(arb(right)))
+    return is_regular(tube.segment, tube.segment.space.flights(state))
+
+
+def _place_text(tube: Tube, cell: Cell) -> str:
+    value = tube.state(arb(0.5 * (cell.left + cell.right)))[-1]
+    return f" near {float(value.mid()):.9g}"
+
+
+def _fraction(one: CertifiedEntry, space: BallProblem) -> Any:
+    """Where in its flight an entry touches, from 0 to 1."""
+    rows = space.impacts(one.z)
+    assert one.flight is not None
+    start, later = rows[one.flight][0], rows[one.flight + 1][0]
+    return (one.touch - start) / (later - start)
+
+
+def _is_inside(patch: Patch, one: CertifiedEntry, u: tuple[float, float], s: Any) -> bool:
+    return bool(
+        one.wall == patch.wall
+        and patch.along[0] < u[0]
+        and u[1] < patch.along[1]
+        and s > patch.at[0]
+        and s < patch.at[1]
+    )
+
+
+def _cut_tube(segment: Segment) -> list[tuple[Segment, Tube]] | None:
+    """Two tubes in place of one; None if they are not proven."""
+    parts = halve_segment(segment)
+    if parts is None:
+        return None
+    tubes = [prove_tube(part) for part in parts]
+    if any(tube is None for tube in tubes):
+        return None
+    return [(part, tube) for part, tube in zip(parts, tubes, strict=True) if tube is not None]
+
+
+def entry_place(tube: Tube, one: CertifiedEntry) -> tuple[float, float] | None:
+    """Return between which u an entry is proven to lie on the branch; None if it is not."""
+    segment = tube.segment
+    z = _shift_to_branch_clock(segment, one.z)
+    reach = np.array([float(x.mid()) for x in z])
+    ends = segment.first.unknowns, segment.last.unknowns
+    far = np.max(np.abs(reach - 0.5 * (ends[0] + ends[1])) / segment.scale)
+    if far > 2.0 * segment.length:
+        return None
+
+    def ahead(u: Any) -> Any:
+        """l(u) . (z - p(u)), falling along the branch."""
+        row = [a + b * u for a, b in zip(*segment.row, strict=True)]
+        return sum((r * (x - p) for r, x, p in zip(row, z, segment.at(u), strict=True)), arb(0))
+
+    left, right = -1.0, 1.0
+    if not (ahead(arb(left)) > 0 and ahead(arb(right)) < 0):
+        return None
+    for _ in range(40):
+        middle = 0.5 * (left + right)
+        if float(ahead(arb(middle)).mid()) > 0.0:
+            left = middle
+        else:
+            right = middle
+    left, right = max(left - 1e-9, -1.0), min(right + 1e-9, 1.0)
+    if not (ahead(arb(left)) > 0 and ahead(arb(right)) < 0):
+        return None
+    spread = segment.at(arb(left).union(arb(right)))
+    beside = (abs(x - p) < float(h) for x, p, h in zip(z, spread, tube.box, strict=True))
+    return (left, right) if all(beside) else None
+
+
+def _shift_to_branch_clock(segment: Segment, z: Balls) -> Balls:
+    """An orbit whole periods later or earlier, as the branch counts times."""
+    space, m = segment.space, segment.space.problem.m
+    period = space.setup(space.values(z)).period
+    change = segment.first.unknowns[0] - float(z[0].mid())
+    turns = round(change / float(arb(period).mid()))
+    shifted = list(z)
+    for i in range(0, space.problem.n, m):
+        shifted[i] = z[i] + turns * period
+    return shifted
+
 
 BIRTH = 5
 """How often the first step of a branch born at a period doubling is halved."""

@@ -17,8 +17,8 @@ from ..results.branch import model_at
 from ..results.catalogue import open_results, scene_in
 from ..results.diagram import Diagram
 from ..results.diagram_reading import sentence_of
-from ..results.fractions import read_fractions
 from ..results.options import FORMATS, PlotOptions
+from ..results.ranges import read_fractions
 from ..results.result_folder import hold_folder, kept_still, reading
 from ..results.scene import Scene, systems_of
 from ..storage.files import is_there, write_all

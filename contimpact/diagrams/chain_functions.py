@@ -15,8 +15,7 @@ from ..orbits.cyclic_chain import assemble, doubling, eliminate, row_norms, solv
 from ..orbits.multipliers import scale_determinant
 from ..orbits.physicality import verdict
 from ..segments.layout import Blocks, Setup
-from ..segments.oscillation import MOST, excursions
-from ..segments.oscillations import FollowedFlight, follow_all, motion_of_gap
+from ..segments.oscillation import MOST, FollowedFlight, excursions, follow_all, motion_of_gap
 from .orbit_functions import UNRESOLVED
 
 WALLS, PERIODS, FREE, DERIVED, GAPS, DOUBLING, UNKNOWNS, COORDINATES = range(8)
@@ -65,7 +64,7 @@ class ChainVectors(NamedTuple):
     moving: Vector
     forces: Vector
     """`own`, `steps`, `breaks`, `found`, `signs`, `zeros`, `moving`, `forces`: those of
-    `segments.oscillations.FollowedFlight`."""
+    `segments.oscillation.FollowedFlight`."""
 
 
 def evaluate_chain(

@@ -20,8 +20,8 @@ from ..progress import Asked
 from ..results.branch import Branch, Entry, orbit_with
 from ..results.diagram import Diagram
 from ..results.entry_conversion import entry_of, pairs_of
+from ..results.options import SimulateOptions
 from ..results.scene import Scene
-from ..results.simulate_tables import SimulateOptions
 from ..results.tables import columns_of
 from ..segments.kernels import Kernels
 from ..simulation.attractor import Attractor, Kind

@@ -30,7 +30,7 @@ from ..models.word import Word, is_rotation
 from ..orbits.orbit import Orbit
 from ..orbits.search import solve_near
 from ..results.branch import Entry
-from ..results.simulate_tables import SETTLING, Settling
+from ..results.options import SETTLING, Settling
 from ..segments.kernels import Kernels
 from ..segments.touches import interior_touches
 from ..simulation.attractor import Attractor, Kind, distances_between

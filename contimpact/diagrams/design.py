@@ -32,7 +32,7 @@ from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
 from ..orbits.search import find_orbits
 from ..progress import Asked, RememberedProgress, progress_lines
-from ..results.design_table import DesignOptions
+from ..results.options import DesignOptions
 from ..results.scene import Scene, load_scene, read_scene
 from ..segments.kernels import Kernels
 from ..simulation.attractor import Kind as MotionKind

@@ -12,8 +12,7 @@ from ..segments.excursion_code import add_excursions
 from ..segments.kernels import Kernels
 from ..segments.linear_flow import flow
 from ..segments.machine_code import Program, choice
-from ..segments.oscillation import row_of, row_of_compiled
-from ..segments.oscillations import FollowedFlight
+from ..segments.oscillation import FollowedFlight, row_of, row_of_compiled
 from ..syntax import parse
 from .chain_functions import (
     ChainVectors,

@@ -1,4 +1,4 @@
-"""Walks along branches of orbits: the backend, long flights, and the longest period."""
+"""Walks along branches of orbits: the backend, long flights, and ends of long or free periods."""
 
 from __future__ import annotations
 
@@ -7,23 +7,25 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Unpack
 
+import numpy as np
+
 from ..arrays import Array
 from ..bifurcations.extended_system import OrbitTest, crossing_near
 from ..bifurcations.status import explain_changes
 from ..continuation.branch import Event, Point, TestFunction, Walk
 from ..continuation.ends import End, EndKind
-from ..continuation.problem import Problem
+from ..continuation.problem import EPSILON, Problem
 from ..continuation.settings import Settings
 from ..continuation.step import Backend, Batch, DenseBackend, Position
 from ..continuation.walk import Options, Stop, walk
 from ..orbits.problem import Linearisation, OrbitProblem
+from ..orbits.quiet import FreeQuietProblem
 from ..segments.compiling import note_uncompiled
 from ..segments.kernels import Kernels
 from .orbit_backend import CycleBackend
 
 if TYPE_CHECKING:
     from .chain_backend import ChainBackend
-
 
 # Where the forcing's period goes to infinity within a range, as where a frequency goes to zero.
 #
@@ -145,8 +147,6 @@ def walk_orbits(
     if not unphysical:
         options["stop"] = PhysicalityEnd(options.get("stop"))
     if problem.autonomous:
-        from .free_period_ends import FreePeriodEnds
-
         options["stop"] = FreePeriodEnds(problem, options.get("stop"))
     backend = backend_of(problem, tests, gaps)
     at, name = (problem, start, direction), problem.parameter
@@ -197,3 +197,65 @@ def backend_of(
         note_uncompiled("several coordinates that do not move linearly, or more than four of them")
         return None
     return ChainBackend(problem, *wanted)
+
+
+# Where branches of free period end: at equilibria, and where periods or rounding errors grow.
+
+LOST = 1e-9
+"""A part of the orbit's size to which flights have amplified the rounding of their unknowns."""
+
+STILL = 1e-13
+"""A change of the parameter within a step, as part of it, with which its value is known."""
+
+LONG = 1.5
+"""Factor by which a period has grown that grows without bound."""
+
+
+class FreePeriodEnds:
+    """What ends a walk along orbits of free period, as `stop` of `walk`, and what else ends it."""
+
+    def __init__(self, problem: OrbitProblem, stop: Stop | None) -> None:
+        self.problem, self.stop = problem, stop
+        self.before: Point | None = None
+        self.shortest = np.inf
+
+    def __call__(self, point: Point, events: Sequence[Event]) -> tuple[End, Point] | None:
+        before, self.before = self.before or point, point
+        if self.stop is not None and (ended := self.stop(point, events)):
+            return ended
+        return self.comes_to_rest(before, point) or self.for_ever(before, point)
+
+    def comes_to_rest(self, before: Point, point: Point) -> tuple[End, Point] | None:
+        """The end before the first coordinate turns the other way: the orbits have shrunk to none.
+
+        They do so with the root of the parameter's distance, by which its value is told.
+        """
+        problem = self.problem
+        if not isinstance(problem, FreeQuietProblem):
+            return None
+        one, other = (problem.turning(p.unknowns) for p in (before, point))
+        if one * other > 0.0 or before is point:
+            return None
+        value = (before.parameter * other**2 - point.parameter * one**2) / (other**2 - one**2)
+        return End.of(EndKind.REST, problem.parameter, value), before
+
+    def for_ever(self, before: Point, point: Point) -> tuple[End, Point] | None:
+        """The end where the period grows alone, or rounding errors, with it or without.
+
+        How much of them the equations amplify is smooth along the branch; a residual is not, and
+        would end the walk where a processor has it.
+        """
+        here, problem = point.evaluation, self.problem
+        longer = here.span > before.evaluation.span
+        self.shortest = min(self.shortest, here.span)
+        size = max(1.0, float(np.max(np.abs(problem.impacts(here.unknowns)[:, 1:]), initial=0.0)))
+        error = EPSILON * float(np.max(np.abs(here.jacobian) @ np.abs(here.unknowns)))
+        lost, step = error > LOST * size, point.parameter - before.parameter
+        still = before is not point and abs(step) < STILL * abs(point.parameter)
+        at, told = (problem.parameter, point.parameter), {"period": here.span, "error": error}
+        if longer and (lost or still) and here.span > LONG * self.shortest:
+            what = f"{problem.parameter} changes no more"
+            if lost:
+                what = f"the rounding errors of so long a flight to {error:.1g}"
+            return End.of(EndKind.FOR_EVER, *at, **told, what=what), point
+        return (End.of(EndKind.ROUNDING, *at, **told), point) if lost else None

@@ -27,8 +27,7 @@ from ..results.branch import Branch, Entry, model_at
 from ..results.catalogue import check_reading, load_diagram
 from ..results.diagram import Diagram
 from ..results.diagram_reading import Interval
-from ..results.fractions import Share, read_fractions, shorten_names
-from ..results.ranges import Bound, Motion
+from ..results.ranges import Bound, Motion, Share, read_fractions, shorten_names
 from ..results.result_folder import read_json
 from ..schema import build_record, fit_value
 from ..segments.kernels import Kernels

@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING
 
 from ..progress import Progress, RememberedProgress, ignore_progress
 from ..results.catalogue import diagram_files
+from ..results.options import SimulateOptions
 from ..results.result_folder import ROWS
 from ..results.scene import Scene
-from ..results.simulate_tables import SimulateOptions
 from ..segments.kernels import Kernels
 from ..simulation.attractor import Attractor, Kind
 from ..simulation.files import (

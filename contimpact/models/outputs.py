@@ -12,7 +12,7 @@ from .model import Model
 
 TIME, VOLTAGE = "t", "U"
 CONTACT = ("duration", "deflection", "speed", "restitution")
-"""What is known of a contact: see `contimpact.orbits.contacts.Contact`."""
+"""What is known of a contact: see `contimpact.orbits.outputs.Contact`."""
 
 
 class Harvester(Protocol):

@@ -32,9 +32,8 @@ from ..results.curve import (
 )
 from ..results.diagram import Diagram
 from ..results.diagram_reading import Reading, read, sentence_of
-from ..results.fractions import Share, shorten_names
 from ..results.quantities import GREEK, PI_BELOW, label_parts
-from ..results.ranges import Motion
+from ..results.ranges import Motion, Share, shorten_names
 from ..results.scene import OUTPUT_ERROR
 from ..results.tables import coordinates
 from .orbits import Orbits, Tracks, stride

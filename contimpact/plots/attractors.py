@@ -25,8 +25,8 @@ from ..models.model import Model
 from ..orbits.orbit import Orbit
 from ..results.branch import Branch
 from ..results.diagram import Diagram
-from ..results.fractions import Share, shorten_names
 from ..results.quantities import branch_voltages, direction_text
+from ..results.ranges import Share, shorten_names
 from ..simulation.attractor import Attractor, Kind
 from ..simulation.basins import Basins
 from ..simulation.energy import attractor_voltages

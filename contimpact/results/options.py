@@ -1,16 +1,17 @@
-"""The tables of a scene that say what else is asked for: [plot], [curves], [certify]."""
+"""The tables of a scene that say what else is asked for, from [plot] to [simulate]."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 from ..bifurcations.declarations import CURVES
 from ..continuation.settings import Settings
-from ..errors import InputError
+from ..errors import InputError, short_repr
 from ..models.model import Model
-from ..schema import Table, key
+from ..schema import Table, fit, key
 
 CURVE_SETTINGS = Settings(tolerance=1e-13, max_step=0.05, max_points=1000)
 """Numerics of curves in two parameters."""
@@ -287,4 +288,358 @@ class CertifyOptions:
         600.0,
         "processor time for the proof of one branch; what is left is `unproven`, for that reason",
         above=0,
+    )
+
+
+# The table [simulate] of a scene: what to simulate, and until when.
+
+DIRECTIONS = ("down", "up", "both")
+SPACINGS = ("even", "reciprocal")
+MOST_VALUES = 100_000
+LARGEST_GRID = 1000
+MOST_FRACTION_STARTS = 1_000_000
+MOST_ROUNDS = 10
+PART = 1e-6
+"""Of the range, to which transitions are located."""
+
+
+@dataclass(frozen=True)
+class Settling:
+    """How long to wait for an attractor, and when one is taken for granted."""
+
+    transient: int = key(100, "forcing periods dropped at each value", least=0, most=10**8)
+    periods: int = key(
+        2000, "further periods within which periodic motion is recognised", most=10**8
+    )
+    longest: int = key(128, "impacts that a period may have", most=100_000)
+    impacts: int = key(
+        4000, "impacts from which exponents of other motion are computed", least=20, most=10**7
+    )
+    tolerance: float = key(
+        1e-9, "distance from a periodic orbit at which the motion has reached it", above=0
+    )
+
+
+SETTLING = Settling()
+
+
+def _range(limits: tuple[float, float], where: str, here: Any) -> tuple[float, float]:
+    declared = here.scene.model.require(here.scene.parameter, where)
+    low, high = (declared.check(value, where) for value in limits)
+    return low, high
+
+
+def _value(value: float, where: str, here: Any) -> float:
+    """A value of the followed parameter."""
+    return float(here.scene.model.require(here.scene.parameter, where).check(value, where))
+
+
+def _spacing(spacing: str, where: str, here: Any) -> str:
+    low, high = here.range
+    if spacing not in SPACINGS or (spacing != "even" and not low * high > 0.0):
+        accepted = f"accepted are {', '.join(SPACINGS)}; reciprocals need a range without zero"
+        raise InputError(where, f"found {spacing!r}", accepted)
+    return spacing
+
+
+def _crises(asked: bool, where: str, here: Any) -> bool:
+    if asked and not here.branches:
+        found = "true, but branches are not followed"
+        accepted = "set simulate.branches = true: crises belong to unstable orbits on branches"
+        raise InputError(where, found, accepted)
+    return asked or (here.branches and here.scene.crises)
+
+
+def check_pairs(where: str, given: Any, count: int) -> tuple[tuple[float, float], ...]:
+    """Return as many pairs (low, high) of numbers, of which one may stand alone.
+
+    Raises InputError if they are none.
+    """
+    rows = [given] if count == 1 and _is_pair(given) else given
+    if not (isinstance(rows, Sequence) and len(rows) == count and all(map(_is_pair, rows))):
+        accepted = "give low and high, low first" + (
+            f" for each coordinate: {count} pairs" * (count > 1)
+        )
+        raise InputError(where, f"found {short_repr(given)}", accepted)
+    return tuple((float(low), float(high)) for low, high in rows)
+
+
+def _is_pair(given: Any) -> bool:
+    numbers = isinstance(given, Sequence) and not isinstance(given, str) and len(given) == 2
+    return (
+        numbers
+        and all(
+            isinstance(x, (int, float)) and not isinstance(x, bool) and math.isfinite(x)
+            for x in given
+        )
+        and given[0] <= given[1]
+    )
+
+
+def _box(given: Mapping[str, Any], where: str, here: Any) -> Mapping[str, Any]:
+    """The table of starts: pairs of numbers."""
+    for name, value in given.items():
+        if name not in ("time", "position", "velocity"):
+            found = f"unknown key {short_repr(name)}"
+            raise InputError(where, found, "accepted are time, position and velocity")
+        count = 1 if name == "time" else here.scene.model.DEGREES_OF_FREEDOM
+        check_pairs(f"{where}.{name}", value, count)
+    return dict(given)
+
+
+@dataclass(frozen=True)
+class SimulateOptions:
+    """What to simulate."""
+
+    range: tuple[float, float] = key(
+        doc="values of the followed parameter, lower one first",
+        usual=lambda here: here.scene.range,
+        check=_range,
+        shown="`follow.range`",
+    )
+    values: int = key(
+        101, "how many values, evenly spaced, both ends among them", least=2, most=MOST_VALUES
+    )
+    direction: str = key(
+        "down",
+        '`"down"` for falling values, `"up"` for rising ones, `"both"` for one sweep each',
+        choices=DIRECTIONS,
+    )
+    starts: int = key(
+        0, "random starts at each value, in addition to the sweep", least=0, most=MOST_STARTS
+    )
+    seed: int = key(
+        0, "of the first start of a sweep and of the random starts", least=0, most=LARGEST_SEED
+    )
+    transitions: bool | tuple[int, ...] = key(
+        True,
+        "whether changes of the attractor are located and named; with a list, those from or to "
+        "motion of these periods, as `[1, 2]`",
+        accepted="true, false, or a list of periods such as [1, 2]",
+    )
+    width: float = key(
+        PART,
+        "width to which they are located, in the parameter's unit",
+        above=0,
+        usual=lambda here: PART * (here.range[1] - here.range[0]),
+        shown="1e-6 of the range",
+    )
+    branches: bool = key(False, "whether the scene's branches are also followed, and compared")
+    portraits: tuple[float, ...] = key(
+        (), "values at which phase plane and time series are drawn", each=_value
+    )
+    basins: tuple[float, ...] = key(
+        (), "values at which basins of attraction are drawn", each=_value
+    )
+    grid: int = key(40, "starts along each side of a basin's picture", least=2, most=LARGEST_GRID)
+    losses: bool = key(False, "whether the energy that impacts take is computed")
+    crises: bool = key(
+        False,
+        "whether [crises](crises.md) are located where complex motion ends; needs "
+        "`branches = true`",
+        check=_crises,
+    )
+    fractions: tuple[float, ...] = key(
+        (),
+        "values at which random starts are [counted](simulate.md#basin-fractions) by the motion "
+        "that they lead to",
+        each=_value,
+    )
+    fraction_starts: int = key(1000, "starts at each of these values", most=MOST_FRACTION_STARTS)
+    refine: int = key(
+        0,
+        "how often values are put half way between neighbours whose fractions differ by more than "
+        "both intervals",
+        least=0,
+        most=MOST_ROUNDS,
+    )
+    box: Mapping[str, Any] = key(
+        {},
+        "where these motions start: `time`, `position`, `velocity`, each (low, high), for several "
+        "coordinates a list of pairs",
+        check=_box,
+        accepted="a table of time, position and velocity",
+    )
+    spacing: str = key(
+        "even",
+        '`"even"`, or `"reciprocal"` for values whose reciprocals are evenly spaced, where '
+        "`plot.x` is inversely proportional to the parameter, as d is to A",
+        check=_spacing,
+    )
+    settling: Settling = key(SETTLING, inline={f.name: {} for f in fields(Settling)})
+
+    def rising(self) -> list[float]:
+        """Return the values swept, lowest first."""
+        import numpy as np
+
+        low, high = self.range
+        if self.spacing == "even":
+            return np.linspace(low, high, self.values).tolist()
+        inner = 1.0 / np.linspace(1.0 / low, 1.0 / high, self.values)[1:-1]
+        return [low, *inner.tolist(), high]
+
+    def sweeps(self) -> list[tuple[str, list[float]]]:
+        """Return each sweep's direction and its values in order."""
+        rising = self.rising()
+        ways = {"down": rising[::-1], "up": rising}
+        names = ("down", "up") if self.direction == "both" else (self.direction,)
+        return [(name, ways[name]) for name in names]
+
+
+# The tables [margins] and [design] of a scene: tolerances, and what is maximised and how.
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """Of a parameter, the change that is one unit of a margin."""
+
+    size: float
+    relative: bool = False
+    """Whether it is a part of the parameter's value."""
+
+    def at(self, value: float) -> float:
+        """Return it at a value of the parameter."""
+        return self.size * abs(value) if self.relative else self.size
+
+    def slope(self, value: float) -> float:
+        """Return its derivative by the value."""
+        return math.copysign(self.size, value) if self.relative else 0.0
+
+    @property
+    def given(self) -> float | str:
+        """As it is written in a scene."""
+        return f"{100.0 * self.size:.12g}%" if self.relative else self.size
+
+
+def _output(name: str, where: str, here: Any) -> str:
+    names = [output.name for output in here.scene.outputs if not output.contacts]
+    if name not in names:
+        accepted = f"accepted are {', '.join(names)}" if names else "state it in [output]"
+        raise InputError(where, f"{short_repr(name)} is no output over time or impacts", accepted)
+    return name
+
+
+def _limits(given: Mapping[str, float], where: str, here: Any) -> Mapping[str, float]:
+    return {_output(name, f"{where}.{name}", here): most for name, most in given.items()}
+
+
+def _bounds(
+    given: Mapping[str, tuple[float, float]], where: str, here: Any
+) -> dict[str, tuple[float, float]]:
+    found = {}
+    for name, pair in given.items():
+        declared = here.scene.model.require(name, f"{where}.{name}")
+        low, high = (declared.check(value, f"{where}.{name}") for value in pair)
+        found[name] = low, high
+    if not found:
+        raise InputError(where, "empty", "give ranges of parameters, s = [0.2, 0.8]")
+    return found
+
+
+def _tolerances(given: Mapping[str, Any], where: str, here: Any) -> dict[str, Tolerance]:
+    found = {}
+    for name, value in given.items():
+        place = f"{where}.{name}"
+        here.scene.model.require(name, place)
+        relative = isinstance(value, str) and value.rstrip().endswith("%")
+        size = fit(value.rstrip()[:-1] if relative else value, float, place)
+        if not size > 0.0:
+            accepted = 'give a positive number, or a part of the value such as "5%"'
+            raise InputError(place, f"found {short_repr(value)}", accepted)
+        found[name] = Tolerance(size / 100.0 if relative else size, relative)
+    return found
+
+
+TOLERANCES: Mapping[str, Any] = {
+    "doc": "of parameters, the change that is one unit of a margin: a number, or a part of the "
+    'value such as `"5%"`',
+    "given": Mapping[str, Any],
+    "check": _tolerances,
+    "write": lambda found: {name: tolerance.given for name, tolerance in found.items()},
+}
+
+
+@dataclass(frozen=True)
+class MarginOptions:
+    """How far orbits are from the events that end them, as a column of branches."""
+
+    tolerances: Mapping[str, Tolerance] = key(**TOLERANCES)
+    within: float = key(
+        10.0,
+        "the distance up to which events are looked for; where there is none, the column says "
+        "`inf`",
+        above=0.0,
+    )
+
+
+def _wanted_margin(margin: float, where: str, here: Any) -> float:
+    if margin < 0.0 or (margin and not here.tolerances):
+        accepted = "give a number >= 0" if here.tolerances else "state [design.tolerances], or 0"
+        raise InputError(where, f"found {margin:g}", accepted)
+    return margin
+
+
+def _fraction(fraction: float, where: str, here: Any) -> float:
+    if not 0.0 <= fraction <= 1.0:
+        raise InputError(where, f"found {fraction:g}", "give a number from 0 to 1")
+    return fraction
+
+
+def _chaos(simulations: int, where: str, here: Any) -> int:
+    output = next(each for each in here.scene.outputs if each.name == here.maximise)
+    if simulations and not (output.at_impacts and here.scene.model.DEGREES_OF_FREEDOM == 1):
+        found = f"of complex motion {output.name} is not known"
+        accepted = "give an output before_impacts of a system of one coordinate, or chaos = 0"
+        raise InputError(where, found, accepted)
+    return simulations
+
+
+@dataclass(frozen=True)
+class DesignOptions:
+    """What a scene's design is."""
+
+    maximise: str = key(doc="an [output](scene.md#output)", check=_output)
+    bounds: Mapping[str, tuple[float, float]] = key(
+        doc="of each parameter to choose, such as `s = [0.2, 0.8]`", check=_bounds
+    )
+    tolerances: Mapping[str, Tolerance] = key(
+        {},
+        shown="none",
+        **TOLERANCES,
+    )
+    margin: float = key(
+        1.0,
+        "distance to the nearest event at least; 0 for none",
+        usual=lambda here: 1.0 if here.tolerances else 0.0,
+        check=_wanted_margin,
+        shown="1 with tolerances",
+    )
+    margins: tuple[float, ...] = key(
+        (), "margins of the trade-off curve", each=_wanted_margin, silent=True
+    )
+    limits: Mapping[str, float] = key(
+        {},
+        "of outputs, their largest value along the orbit, or at an impact if they are "
+        "`before_impacts`",
+        check=_limits,
+        shown="none",
+    )
+    fraction: float = key(
+        0.0,
+        "part of random starts that has to lead to the orbit; where it does not, the next optimum "
+        "is taken",
+        check=_fraction,
+    )
+    fraction_starts: int = key(200, "so many starts", most=MOST_STARTS)
+    starts: int = key(
+        8, "random points at which orbits of a word are searched for", most=MOST_STARTS
+    )
+    restarts: int = key(2, "best of these, which are improved", most=MOST_TRIES)
+    chaos: int = key(
+        0,
+        "simulations of a search for complex motion, without margins; its mean has an interval of "
+        "95%",
+        least=0,
+        most=MOST_STARTS,
+        check=_chaos,
     )

@@ -39,7 +39,6 @@ from ..schema import Key, Table, fit, key, read, written
 from ..storage.files import check_length, read_bounded, reason
 from ..systems import SYSTEMS, system
 from ..systems.membrane import Membrane
-from .design_table import DesignOptions, MarginOptions
 from .options import (
     LARGEST_SEED,
     MOST_BRANCHES,
@@ -49,11 +48,13 @@ from .options import (
     QUANTITIES,
     CertifyOptions,
     CurveOptions,
+    DesignOptions,
+    MarginOptions,
     PlotOptions,
+    SimulateOptions,
     range_around_start,
     within,
 )
-from .simulate_tables import SimulateOptions
 
 if TYPE_CHECKING:
     from ..models.machine import Machine

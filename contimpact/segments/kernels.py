@@ -22,7 +22,7 @@ from ..models.sources import digests
 from ..storage.cache import cache_folder, load_file, logger, store_file
 from ..storage.files import reason
 from .arithmetic import Kernel, kernel_of
-from .bounded_code import bounded_kernel
+from .bounded import bounded_kernel
 from .layout import SECTION, Family, Setup
 from .segment import ELSEWHERE, ClosedForm, Passages, passages_of
 

@@ -19,7 +19,7 @@ from ..orbits.quiet import problem_of
 from ..orbits.search import solve_near
 from ..results.branch import Branch
 from ..results.diagram import Diagram
-from ..results.simulate_tables import SETTLING, Settling
+from ..results.options import SETTLING, Settling
 from ..results.tables import columns_of
 from ..segments.kernels import Kernels
 from .attractor import OTHER, Attractor, Kind, distances_between

@@ -2,7 +2,7 @@
 
 Beside a grazing the map has no derivative, and fluctuations to first order say nothing. Simulated
 motions begin on the orbit; parameters are drawn anew at each impact, for the restitution there and
-the flight that follows, as for `contimpact.orbits.noise`. A motion escapes when it meets another
+the flight that follows, as for `contimpact.orbits.orbit`. A motion escapes when it meets another
 wall than the orbit's word says. Escapes that are independent of each other are a Poisson process,
 whose rate has the interval of Garwood (1936).
 """

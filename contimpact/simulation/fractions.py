@@ -23,14 +23,14 @@ from ..models.model import Model
 from ..orbits.orbit import Orbit
 from ..orbits.search import solve_near
 from ..progress import Asked, progress_lines
-from ..results.fractions import FRACTIONS, Share, shorten_names
-from ..results.simulate_tables import (
+from ..results.options import (
     MOST_FRACTION_STARTS,
     MOST_ROUNDS,
     SETTLING,
     Settling,
     check_pairs,
 )
+from ..results.ranges import FRACTIONS, Share, shorten_names
 from ..segments.kernels import Kernels
 from ..storage.texts import csv_text
 from .attractor import OTHER, Attractor, Kind, distances_between

@@ -17,7 +17,7 @@ import numpy as np
 from ..arrays import Array
 from ..errors import InputError, explain_arguments
 from ..orbits.orbit import Orbit
-from ..results.simulate_tables import SETTLING, Settling
+from ..results.options import SETTLING, Settling
 from .attractor import Attractor
 from .basins import attractor_numbers
 from .run import State

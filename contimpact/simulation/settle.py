@@ -21,7 +21,7 @@ from ..arrays import Array
 from ..errors import InputError, explain_arguments
 from ..models.model import Model
 from ..models.word import Word
-from ..results.simulate_tables import SETTLING, Settling
+from ..results.options import SETTLING, Settling
 from ..segments.flight import FlightGaps, flight_gaps
 from ..segments.touches import interior_touches
 from .attractor import (

@@ -19,7 +19,7 @@ from ..display import NotebookResult, ParameterItems, Summary, frame, limit_line
 from ..errors import InputError, did_you_mean, explain_arguments, short_repr
 from ..models.model import Model
 from ..progress import Asked, progress_lines
-from ..results.simulate_tables import SETTLING, Settling
+from ..results.options import SETTLING, Settling
 from ..results.tables import coordinates, same_data
 from ..schema import build_record
 from ..segments.kernels import Kernels

@@ -16,7 +16,7 @@ from ..errors import explain_arguments
 from ..models.word import is_rotation
 from ..results.branch import Entry
 from ..results.diagram import Diagram
-from ..results.simulate_tables import SETTLING, Settling
+from ..results.options import SETTLING, Settling
 from ..schema import build_record
 from .attractor import Attractor, Kind
 from .settle import settle_again

@@ -18,7 +18,7 @@ from contimpact.models.word import Word
 from contimpact.orbits.orbit import Orbit
 from contimpact.orbits.search import solve_near
 from contimpact.results.branch import orbit_with
-from contimpact.results.simulate_tables import Settling
+from contimpact.results.options import Settling
 from contimpact.simulation.attractor import Kind
 from contimpact.simulation.run import State
 

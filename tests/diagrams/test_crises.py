@@ -34,7 +34,7 @@ from contimpact.orbits.search import find_orbits, solve_near
 from contimpact.page.data import PageView, page_data
 from contimpact.results.catalogue import load_diagram, write_diagram
 from contimpact.results.diagram import Diagram
-from contimpact.results.simulate_tables import Settling
+from contimpact.results.options import Settling
 from contimpact.simulation.attractor import Kind
 from contimpact.simulation.basins import attractor_numbers
 from contimpact.simulation.settle import settle

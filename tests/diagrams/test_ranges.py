@@ -19,7 +19,7 @@ from contimpact.diagrams.ranges import attractor_ranges, load_ranges
 from contimpact.errors import InputError
 from contimpact.plots.ranges import plot_ranges
 from contimpact.results.diagram import Diagram
-from contimpact.results.fractions import Share
+from contimpact.results.ranges import Share
 from contimpact.simulation.settle import settle
 from contimpact.simulation.simulator import Simulator
 from contimpact.simulation.sweep import Sweep, sweep

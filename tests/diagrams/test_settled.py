@@ -15,8 +15,8 @@ from contimpact.diagrams.settled import (
 from contimpact.models.word import Word
 from contimpact.orbits import search
 from contimpact.orbits.quiet import problem_of
+from contimpact.results.options import Settling
 from contimpact.results.scene import read_scene
-from contimpact.results.simulate_tables import Settling
 from contimpact.segments.kernels import Kernels
 from contimpact.simulation.attractor import Kind
 from contimpact.simulation.simulator import Simulator

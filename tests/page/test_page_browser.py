@@ -24,11 +24,9 @@ from zoo import ROOT
 
 from contimpact.diagrams.explore import follow
 from contimpact.page.data import PageView
-from contimpact.page.document import FOLDER, LIBRARY, page_text
-from contimpact.page.notebook import view
+from contimpact.page.document import FOLDER, LIBRARY, page_text, view
 from contimpact.page.sweeps import read_sweep
-from contimpact.results.fractions import Share
-from contimpact.results.ranges import Bound, Motion
+from contimpact.results.ranges import Bound, Motion, Share
 from contimpact.results.scene import read_scene
 from contimpact.simulation.files import sweep_text
 from contimpact.simulation.sweep import sweep

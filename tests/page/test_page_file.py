@@ -19,8 +19,7 @@ from contimpact import write_diagram
 from contimpact.cli import main
 from contimpact.errors import InputError
 from contimpact.page.data import PageView
-from contimpact.page.document import FOLDER, LIBRARY, page_text
-from contimpact.page.notebook import view
+from contimpact.page.document import FOLDER, LIBRARY, page_text, view
 
 TOML = """
 name = "frugal"

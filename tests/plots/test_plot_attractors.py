@@ -15,8 +15,8 @@ from contimpact.diagrams.scene_simulation import Simulation
 from contimpact.plots import attractors as pictures
 from contimpact.plots.attractors import others_at, plot_portrait, portrait_figure
 from contimpact.plots.diagram import STYLES, WIDTHS
+from contimpact.results.options import Settling
 from contimpact.results.scene import read_scene
-from contimpact.results.simulate_tables import Settling
 from contimpact.simulation.run import State
 from contimpact.simulation.settle import settle
 from contimpact.simulation.sweep import Row, Simulators, Sweep, sweep

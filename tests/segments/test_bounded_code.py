@@ -9,8 +9,7 @@ import pytest
 
 from contimpact import ImpactPair
 from contimpact.segments.arithmetic import evaluate_in
-from contimpact.segments.bounded import BOUNDED, BoundedNumber, bounds_of_kernel
-from contimpact.segments.bounded_code import bounded_kernel
+from contimpact.segments.bounded import BOUNDED, BoundedNumber, bounded_kernel, bounds_of_kernel
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.layout import Setup, flat, refill
 from contimpact.systems.soft_stop import SoftStop

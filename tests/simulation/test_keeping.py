@@ -11,7 +11,7 @@ import pytest
 from zoo import ROOT
 
 import contimpact as ci
-from contimpact.results.simulate_tables import Settling
+from contimpact.results.options import Settling
 from contimpact.simulation.attractor import Kind
 
 QUICK = Settling(transient=20, periods=200, impacts=400)

@@ -11,8 +11,8 @@ import pytest
 from event_driven import random_scene
 from zoo import TWO_MASSES
 
+from contimpact.results.options import Settling
 from contimpact.results.scene import read_scene
-from contimpact.results.simulate_tables import Settling
 from contimpact.simulation import linear_flights
 from contimpact.simulation.basins import basins
 from contimpact.simulation.run import Outcome

@@ -15,8 +15,8 @@ from zoo import TWO_MASSES, ProportionalMasses
 from contimpact import losses
 from contimpact.errors import InputError
 from contimpact.orbits.search import find_orbits
+from contimpact.results.options import Settling
 from contimpact.results.scene import read_scene
-from contimpact.results.simulate_tables import Settling
 from contimpact.simulation.attractor import Attractor, Kind
 from contimpact.simulation.automaton import _linear_jacobian, _segment_jacobian
 from contimpact.simulation.basins import basins

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from contimpact.orbits.search import find_orbits
-from contimpact.results.simulate_tables import SETTLING, Settling
+from contimpact.results.options import SETTLING, Settling
 from contimpact.simulation.attractor import Attractor, Kind, solve_cycle
 from contimpact.simulation.basins import basins
 from contimpact.simulation.run import State

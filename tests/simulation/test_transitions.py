@@ -12,8 +12,8 @@ import pytest
 
 from contimpact.diagrams.explore import follow
 from contimpact.orbits.search import find_orbits
+from contimpact.results.options import Settling
 from contimpact.results.scene import read_scene
-from contimpact.results.simulate_tables import Settling
 from contimpact.simulation.basins import cover, scene_fragment
 from contimpact.simulation.run import State
 from contimpact.simulation.sweep import Row, Simulators, Sweep, sweep

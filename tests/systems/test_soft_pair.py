@@ -17,7 +17,7 @@ from contimpact.diagrams.curves import check_range
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.errors import InputError
 from contimpact.models.word import Word
-from contimpact.orbits import contacts
+from contimpact.orbits import outputs
 from contimpact.orbits.orbit import Orbit
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
@@ -457,7 +457,7 @@ def test_only_deflections_take_the_motion_between_impacts(monkeypatch):
     expected = orbit.mean("restitution", contacts="B"), orbit.mean("duration", contacts="T")
     contact = next(c for c in orbit.contacts if c.wall == "B")
     assert expected[0].value == contact.restitution
-    monkeypatch.setattr(contacts, "_depths", None)
+    monkeypatch.setattr(outputs, "_depths", None)
     assert orbit.mean("restitution", contacts="B") == expected[0]
     assert orbit.mean("duration", contacts="T") == expected[1]
     with pytest.raises(TypeError):
