@@ -76,7 +76,6 @@ OWN_HEAVY = (
     "diagrams.orbit_program",
     "diagrams.orbit_program",
     "orbits.cyclic_chain",
-    "segments.compiled_flow",
     "segments.checking",
     "models.equations",
     "models.symbolic",

@@ -36,8 +36,8 @@ from ..arrays import Array, Vector
 
 # Linear flights of floats, on NumPy's arrays.
 #
-# What is computed is told in `linear_flow`. `compiled_flow` does the same in scalar code, and both
-# round alike: no matrix product is left to a library, which would sum in an order of its own.
+# `diagrams.orbit_program` does the same in scalar code, and both round alike: no matrix product is
+# left to a library, which would sum in an order of its own.
 #
 # Positions change with the velocities alone, so that the rows of S and H that are wanted need no
 # products with G:

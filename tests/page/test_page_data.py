@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from zoo import ROOT
 
 from contimpact.errors import InputError
-from contimpact.page import orbits as tracks
+from contimpact.page import data as tracks
 from contimpact.page.data import PageView, page_data
 from contimpact.page.document import fractions_in
 from contimpact.page.sweeps import pack_column, read_sweep, script_json

@@ -11,8 +11,8 @@ from zoo import ROOT
 
 from contimpact import continue_orbit, find_orbits
 from contimpact.continuation.settings import Settings
+from contimpact.diagrams.orbit_program import flow_compiled, space_of
 from contimpact.results.scene import load_scene
-from contimpact.segments.compiled_flow import flow_compiled, space_of
 from contimpact.segments.linear_flow import Shape, flow
 from contimpact.systems.coupled_by_impact import CoupledByImpact
 from contimpact.systems.impact_damper import ImpactDamper
