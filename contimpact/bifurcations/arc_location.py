@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 from ..arrays import Table, Vector
 from ..continuation.corrector import ALONG, NO_TANGENT, cubic
@@ -21,7 +21,6 @@ from ..orbits.multipliers import (
     tangent_by_elimination,
 )
 from ..orbits.physicality import AT_REST
-from ..segments.layout import Blocks, Setup
 from .scalar_systems import (
     FAILED,
     FIRST,
@@ -31,7 +30,11 @@ from .scalar_systems import (
     SOLVED,
     SPAN,
     TOUCH,
+    Bound,
+    Evaluate,
+    FlightCode,
     Search,
+    SetupCode,
     SystemVectors,
     evaluate_orbit,
     factor,
@@ -90,11 +93,14 @@ class ArcVectors(NamedTuple):
     """Filled; see `FRACTION`."""
 
 
+Examine: TypeAlias = Callable[[SystemVectors, ArcVectors, Vector], bool]
+
+
 def locate_on_arc(
-    evaluate: Callable[[SystemVectors, Vector], float],
-    bound: Callable[[SystemVectors, Vector, Vector], None],
-    guess: Callable[[SystemVectors, ArcVectors, Vector], bool],
-    check: Callable[[SystemVectors, ArcVectors, Vector], bool],
+    evaluate: Evaluate,
+    bound: Bound,
+    guess: Examine,
+    check: Examine,
     system: SystemVectors,
     search: Search,
     arc: ArcVectors,
@@ -199,12 +205,7 @@ def describe_point(system: SystemVectors, z: Vector, arc: ArcVectors) -> None:
     found[at], found[at + 1], found[at + 2], found[at + 3] = one, other, two, last
 
 
-def guess_orbit(
-    flight: Callable[..., Blocks],
-    setup: Callable[[Vector], Setup],
-    system: SystemVectors,
-    z: Vector,
-) -> bool:
+def guess_orbit(flight: FlightCode, setup: SetupCode, system: SystemVectors, z: Vector) -> bool:
     """Evaluate the orbit alone, where a system has no unknowns of its own."""
     evaluate_orbit(flight, setup, system, z)
     return True
@@ -214,10 +215,7 @@ def guess_orbit(
 
 
 def guess_eigenvector(
-    flight: Callable[..., Blocks],
-    setup: Callable[[Vector], Setup],
-    system: SystemVectors,
-    z: Vector,
+    flight: FlightCode, setup: SetupCode, system: SystemVectors, z: Vector
 ) -> bool:
     """Fill in the null vector of C(mu) but for its last pivot, as long as one."""
     evaluate_orbit(flight, setup, system, z)
@@ -257,8 +255,8 @@ def guess_eigenvector(
 
 
 def guess_touch(
-    flight: Callable[..., Blocks],
-    setup: Callable[[Vector], Setup],
+    flight: FlightCode,
+    setup: SetupCode,
     turn: Callable[..., Any],
     system: SystemVectors,
     arc: ArcVectors,
@@ -283,7 +281,7 @@ def check_touch(
 
 
 def turn_of_flight(
-    setup: Callable[[Vector], Setup],
+    setup: SetupCode,
     breaks: Callable[[Vector, float, Vector], Vector],
     excursion: Callable[..., Vector],
     system: SystemVectors,

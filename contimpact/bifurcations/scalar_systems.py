@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -80,11 +80,19 @@ class SystemVectors(NamedTuple):
     """`jacobian`, `factors`: the Jacobian there, and scratch space for it and a border."""
 
 
+FlightCode: TypeAlias = Callable[..., Blocks]
+SetupCode: TypeAlias = Callable[[Vector], Setup]
+PeriodCode: TypeAlias = Callable[[Vector], tuple[float, float]]
+"""Compiled code of a model: a flight, in doubles or in pairs with bounds; what is fixed with the
+parameters; the forcing period and its bound."""
+
+Evaluate: TypeAlias = Callable[[SystemVectors, Vector], float]
+Bound: TypeAlias = Callable[[SystemVectors, Vector, Vector], None]
+"""Fill in a system at a point and return its largest residual; fill in its residuals' bounds."""
+
+
 def evaluate_orbit(
-    flight: Callable[..., Blocks],
-    setup: Callable[[Vector], Setup],
-    system: SystemVectors,
-    z: Vector,
+    flight: FlightCode, setup: SetupCode, system: SystemVectors, z: Vector
 ) -> tuple[float, float, float]:
     """Evaluate the flights into the first rows of the Jacobian, all else of which becomes zero.
 
@@ -141,11 +149,7 @@ def put_flight(
 
 
 def evaluate_singular(
-    flight: Callable[..., Blocks],
-    second: Callable[..., Blocks],
-    setup: Callable[[Vector], Setup],
-    system: SystemVectors,
-    z: Vector,
+    flight: FlightCode, second: FlightCode, setup: SetupCode, system: SystemVectors, z: Vector
 ) -> float:
     """Evaluate F = 0, C(mu) q = 0, (q.q - 1)/2 = 0; returns the largest residual."""
     count, last, mu = len(system.kinds), len(z) - 1, system.numbers[MU]
@@ -188,10 +192,7 @@ def evaluate_singular(
 
 
 def evaluate_touching(
-    flight: Callable[..., Blocks],
-    setup: Callable[[Vector], Setup],
-    system: SystemVectors,
-    z: Vector,
+    flight: FlightCode, setup: SetupCode, system: SystemVectors, z: Vector
 ) -> float:
     """Evaluate F = 0 and a flight that reaches its touch with no velocity; the touch's time is the
     unknown between both parameters."""
@@ -210,10 +211,7 @@ def evaluate_touching(
 
 
 def evaluate_reached(
-    flight: Callable[..., Blocks],
-    setup: Callable[[Vector], Setup],
-    system: SystemVectors,
-    z: Vector,
+    flight: FlightCode, setup: SetupCode, system: SystemVectors, z: Vector
 ) -> float:
     """Evaluate F = 0 and a velocity, or the duration of a flight, which is to vanish."""
     n, last, i = 2 * len(system.kinds), len(z) - 1, 2 * system.counts[FLIGHT]
@@ -324,8 +322,8 @@ def newton_step(system: SystemVectors, row: Vector, g: float, out: Vector) -> bo
 
 
 def bound_orbit(
-    bounded_flight: Callable[..., Blocks],
-    bounded_period: Callable[[Vector], tuple[float, float]],
+    bounded_flight: FlightCode,
+    bounded_period: PeriodCode,
     system: SystemVectors,
     z: Vector,
     off: Vector,
@@ -359,14 +357,10 @@ def bound_orbit(
 
 
 def bound_singular(
-    bounded_flight: Callable[..., Blocks],
-    bounded_period: Callable[[Vector], tuple[float, float]],
-    system: SystemVectors,
-    z: Vector,
-    off: Vector,
+    flight: FlightCode, period: PeriodCode, system: SystemVectors, z: Vector, off: Vector
 ) -> None:
     """Fill in the bounds of the residuals of `evaluate_singular`, at the point last evaluated."""
-    bound_orbit(bounded_flight, bounded_period, system, z, off, True)
+    bound_orbit(flight, period, system, z, off, True)
     n, square = 2 * len(system.kinds), 0.0
     for i in range(n):
         square += z[n + 1 + i] * z[n + 1 + i]
@@ -374,35 +368,27 @@ def bound_singular(
 
 
 def bound_touching(
-    bounded_flight: Callable[..., Blocks],
-    bounded_period: Callable[[Vector], tuple[float, float]],
-    system: SystemVectors,
-    z: Vector,
-    off: Vector,
+    flight: FlightCode, period: PeriodCode, system: SystemVectors, z: Vector, off: Vector
 ) -> None:
     """The same of `evaluate_touching`."""
-    bound_orbit(bounded_flight, bounded_period, system, z, off, False)
+    bound_orbit(flight, period, system, z, off, False)
     n, i = 2 * len(system.kinds), 2 * system.counts[FLIGHT]
     start, speed, touch = (z[i], 0.0), (z[i + 1], 0.0), (z[n + 1], 0.0)
     kind = system.counts[TOUCH]
-    r, _, _, _ = bounded_flight(kind, start, speed, touch, (0.0, 0.0), system.values)
+    r, _, _, _ = flight(kind, start, speed, touch, (0.0, 0.0), system.values)
     off[n], off[n + 1] = r[0][1], r[1][1]
 
 
 def bound_reached(
-    bounded_flight: Callable[..., Blocks],
-    bounded_period: Callable[[Vector], tuple[float, float]],
-    system: SystemVectors,
-    z: Vector,
-    off: Vector,
+    flight: FlightCode, period: PeriodCode, system: SystemVectors, z: Vector, off: Vector
 ) -> None:
     """The same of `evaluate_reached`."""
-    bound_orbit(bounded_flight, bounded_period, system, z, off, False)
+    bound_orbit(flight, period, system, z, off, False)
     n, size = 2 * len(system.kinds), 0.0
     for i in range(n + 1):
         size = max(size, abs(z[i]))
     periods = system.counts[PERIODS] if 2 * system.counts[FLIGHT] + 2 == n else 0
-    duration = periods * bounded_period(system.values)[1] + 2.0 * EPSILON * size
+    duration = periods * period(system.values)[1] + 2.0 * EPSILON * size
     off[n] = duration if system.counts[TOUCH] != 0 else 0.0
 
 
@@ -442,11 +428,7 @@ surroundings of its guess as far as these sizes tell."""
 
 
 def solve_system(
-    evaluate: Callable[[SystemVectors, Vector], float],
-    bound: Callable[[SystemVectors, Vector, Vector], None],
-    system: SystemVectors,
-    search: Search,
-    far: float,
+    evaluate: Evaluate, bound: Bound, system: SystemVectors, search: Search, far: float
 ) -> int:
     """Solve a system to rounding by Newton's iteration, as `extended_system.solve` does."""
     z, best, told, step = search.z, search.best, search.told, search.step
