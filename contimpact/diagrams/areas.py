@@ -435,22 +435,10 @@ class SlabObservation:
     stretches: list[Stretch]
 
 
-def divide(
-    scene: Scene,
-    model: Model,
-    curves: Sequence[Curve],
-    fixed: Mapping[str, float],
-    kernels: Kernels,
-    progress: Progress,
-    names: itertools.count[int],
-) -> tuple[list[Area], list[str]]:
-    """Divide the rectangle of a member of a scene's family, at the fixed value of the family's
-    parameter, by its curves; the first parameter is free in the kernels. Areas are numbered by
-    `names`. Returns the areas, and notes on what the curves do not explain."""
-    return _Divider(scene, model, curves, fixed, kernels, progress).divided(names)
+class Divider:
+    """Divides the rectangle of a member of a scene's family, at the fixed value of the family's
+    parameter, by its curves; the first parameter is free in the kernels."""
 
-
-class _Divider:
     def __init__(
         self,
         scene: Scene,
@@ -470,6 +458,7 @@ class _Divider:
         self.departures: dict[Cell, float] = {}
 
     def divided(self, names: itertools.count[int]) -> tuple[list[Area], list[str]]:
+        """Return the areas, numbered by `names`, and notes on what the curves do not explain."""
         self.seen = [self.run(k, FIRST) for k in range(len(self.slabs))]
         self.checks = [
             [self.run(k, part) for part in _check_values(slab)] for k, slab in enumerate(self.slabs)

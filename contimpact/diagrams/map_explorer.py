@@ -37,7 +37,7 @@ from ..results.diagram import Diagram, Limits
 from ..results.options import CurveOptions
 from ..results.scene import Scene
 from ..segments.kernels import Kernels
-from .areas import divide
+from .areas import Divider
 from .codim2_curves import entries_born, follow_codim2, passes_through
 from .curves import follow_curve, set_fixed_parameters
 from .map_lines import (
@@ -554,9 +554,8 @@ def add_areas(scene: Scene, diagram: Diagram, progress: Progress | None = None) 
         for fixed in [{name: value} for value in values] or [{}]:
             own = [curve for curve in diagram.curves if dict(curve.fixed) == fixed]
             model = scene.model.replace(**fixed)
-            found, told = divide(
-                scene, model, own, fixed, kernels, progress or ignore_progress, names
-            )
+            divider = Divider(scene, model, own, fixed, kernels, progress or ignore_progress)
+            found, told = divider.divided(names)
             areas += found
             notes += told
     except KeyboardInterrupt:

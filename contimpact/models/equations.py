@@ -338,10 +338,6 @@ def equations_of(model: Any) -> Equations:
     return model.shared["equations"]
 
 
-def _where(model: Any) -> str:
-    return f"{type(model).__name__}.formulas"
-
-
 class _Unread(dict[str, float]):
     """Parameter values that a formula must not read: kernels serve all values."""
 
@@ -376,7 +372,7 @@ class _Symbols(dict[str, Any]):
 
 
 def _evaluate_formulas(model: Any) -> Equations:
-    where = _where(model)
+    where = f"{type(model).__name__}.formulas"
     view = copy.copy(model)
     view.values = _Unread(list(model.values), where)
     parameters = _Symbols(list(model.values), where)

@@ -158,11 +158,7 @@ def _join_rows(rows: Sequence[_Row], model: Model) -> SweepSeries:
 
 def _multipliers(cells: Mapping[str, str]) -> list[list[float]]:
     parts = ("re", "im")
-    return [[_or_none(cells.get(f"multiplier{k}_{part}")) for part in parts] for k in (1, 2)]
-
-
-def _or_none(cell: str | None) -> float:
-    return float(cell) if cell else math.nan
+    return [[float(cells.get(f"multiplier{k}_{part}") or "nan") for part in parts] for k in (1, 2)]
 
 
 def _number(cell: Any) -> float:

@@ -193,7 +193,8 @@ def balls(bits: int) -> Arithmetic:
     with ctx.workprec(bits):
         names: dict[str, Any] = {"pi": arb.pi(), "nan": arb.nan()}
     names |= {name: _method(name) for name in "sin cos tan asin atan exp log sqrt".split()}
-    names |= {"acos": _acos, "floor": _floor, "abs": _abs, "ratio": lambda p, q: arb(p) / q}
+    names |= {"floor": _floor, "abs": _abs, "ratio": lambda p, q: arb(p) / q}
+    names["acos"] = lambda x: arb.pi() / 2 - number(x).asin()
     names |= {"sinh": _sinh, "cosh": _cosh, "tanh": lambda x: _sinh(x) / _cosh(x)}
     names |= {f"stumpff{k}": functools.partial(_one, k) for k in range(HIGHEST + 1)}
     names |= {f"stumpffs{n}": functools.partial(_together, n) for n in TOGETHER}
@@ -213,10 +214,6 @@ def without_enclosures(kernel: Kernel) -> str | None:
 
 def _method(name: str) -> Callable[[Number], Number]:
     return lambda x: getattr(number(x), name)()
-
-
-def _acos(x: Number) -> Number:
-    return arb.pi() / 2 - number(x).asin()
 
 
 def _sinh(x: Number) -> Number:

@@ -213,21 +213,14 @@ class Exponents:
         return self.per_impact[0] * self.impacts / self.periods if self.periods > 0 else math.nan
 
 
-def exponents(
-    simulator: Simulator, state: State, impacts: int, *, batches: int = 20, rng: Any = 0
+def exponents_of(
+    simulator: Simulator, state: State, run: Run, batches: int = 20, rng: Any = 0
 ) -> Exponents:
-    """Simulate from a state on the attractor and return Lyapunov exponents.
+    """Return the Lyapunov exponents of a run from a state on the attractor.
 
     The error comes from the means of `batches` parts of the run; `rng` gives the first disturbance.
     Benettin et al., Meccanica 15 (1980), with the QR factors of 2x2 matrices written out.
     """
-    return exponents_of(simulator, state, simulator.run(state, impacts=impacts), batches, rng)
-
-
-def exponents_of(
-    simulator: Simulator, state: State, run: Run, batches: int = 20, rng: Any = 0
-) -> Exponents:
-    """As `exponents`, for a run from `state` that was made already."""
     periods = (_time(simulator, run.end) - _time(simulator, state)) / simulator.period
     count = len(run)
     if run.held.size:

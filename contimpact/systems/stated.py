@@ -237,7 +237,7 @@ class _Reader:
         texts, found = dict(self.given.definitions), dict[str, Any]()
         for name in usable_definitions(self.given, mode):
             known = {**names, **found}
-            if _names_known(texts[name], {*known, *self.symbols}):
+            if set(names_in(texts[name])) <= {*known, *self.symbols, *FUNCTIONS, *CONSTANTS}:
                 found[name] = self.read(texts[name], f"define.{name}", known)
         return found
 
@@ -256,10 +256,6 @@ class _Reader:
         return [names[c] for c in coordinates], [
             names[speeds[c]] for c in coordinates if c in speeds
         ]
-
-
-def _names_known(text: str, names: set[str]) -> bool:
-    return set(names_in(text)) <= {*names, *FUNCTIONS, *CONSTANTS}
 
 
 def _mode(mode: StatedMode, given: StatedModes) -> Mode:

@@ -14,7 +14,7 @@ from exact_flights import exact_flight
 import contimpact as ci
 from contimpact.plots.attractors import plot_exponents
 from contimpact.simulation.attractor import Cycle
-from contimpact.simulation.lyapunov import _without_rounding, exponents
+from contimpact.simulation.lyapunov import _without_rounding, exponents_of
 from contimpact.simulation.settle import periodic
 from contimpact.simulation.simulator import Simulator
 from contimpact.simulation.sweep import Row, Sweep, table_of
@@ -145,7 +145,7 @@ def test_exponents_of_any_motion_have_liouvilles_sum(c):
     """Also where the derivatives of flights are rounding."""
     orbit, simulator = stiff(c), Simulator(stiff(c).model)
     begin = simulator.state("S", orbit.times[0], 0.9 * orbit.velocities[0])
-    found = exponents(simulator, begin, 30)
+    found = exponents_of(simulator, begin, simulator.run(begin, impacts=30))
     per_impact = c * found.periods * 2.0 * math.pi / found.impacts
     assert found.impacts == 30
     assert math.fsum(found.per_impact) == pytest.approx(found.restitution - per_impact, rel=1e-9)
@@ -156,7 +156,8 @@ def motion_of_masses(c):
     orbit = masses(c)
     simulator = Simulator(orbit.model)
     t, v, *others = orbit.unknowns[:4].tolist()
-    return exponents(simulator, simulator.state("A", t, 0.98 * v, others), 30)
+    begin = simulator.state("A", t, 0.98 * v, others)
+    return exponents_of(simulator, begin, simulator.run(begin, impacts=30))
 
 
 @pytest.mark.parametrize("c", [0.1, 1.5, 3.0, 9.0])

@@ -20,7 +20,7 @@ from contimpact.results.scene import read_scene
 from contimpact.simulation.attractor import Attractor, Kind
 from contimpact.simulation.automaton import _linear_jacobian, _segment_jacobian
 from contimpact.simulation.basins import basins
-from contimpact.simulation.lyapunov import exponents
+from contimpact.simulation.lyapunov import exponents_of
 from contimpact.simulation.run import State
 from contimpact.simulation.settle import settle
 from contimpact.simulation.simulator import Simulator
@@ -207,7 +207,7 @@ def test_the_sum_of_the_exponents_is_what_impacts_and_damping_take():
     model = masses(omega=1.5)
     simulator = Simulator(model)
     start = simulator.run(simulator.state("A", 0.3, 2.0, [0.1, 0.2]), periods=30).end
-    found = exponents(simulator, start, 400)
+    found = exponents_of(simulator, start, simulator.run(start, impacts=400))
     p = model.values
     trace = (p["c1"] + p["c2"]) / p["m1"] + p["c2"] / p["m2"]
     taken = trace * found.periods * simulator.period / found.impacts
@@ -221,7 +221,7 @@ def test_exponents_of_a_stable_orbit_are_those_of_its_multipliers():
     model = masses()
     simulator = Simulator(model)
     found = settle(simulator, simulator.state("A", 0.68, 3.0, [-2.0, 0.09]), QUICK)
-    measured = exponents(simulator, found.state, 600)
+    measured = exponents_of(simulator, found.state, simulator.run(found.state, impacts=600))
     expected = [math.log(abs(mu)) for mu in found.multipliers]
     assert found.exponents == pytest.approx(expected)
     assert measured.per_impact == pytest.approx(expected, abs=5e-3)

@@ -24,7 +24,7 @@ from contimpact.segments.kernels import Kernels
 from contimpact.simulation import one_coordinate
 from contimpact.simulation import simulator as simulate
 from contimpact.simulation.impacts import release_after
-from contimpact.simulation.lyapunov import exponents, exponents_of
+from contimpact.simulation.lyapunov import exponents_of
 from contimpact.simulation.run import Outcome, State
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.duffing import Duffing
@@ -484,7 +484,7 @@ def test_the_sum_of_the_exponents_is_ln_r2(pair, simulator_of, d, r, impacts):
     """Flights conserve area; measured: 5e-14."""
     simulator = simulator_of(pair(d=d, r=r))
     start = simulator.run(State(0, 0.25, 0.6), periods=100, record=False).end
-    found = exponents(simulator, start, impacts)
+    found = exponents_of(simulator, start, simulator.run(start, impacts=impacts))
     assert abs(sum(found.per_impact) - 2 * math.log(r)) < 1e-6
     assert found.restitution == pytest.approx(2 * math.log(r), abs=1e-14)
 
@@ -492,7 +492,7 @@ def test_the_sum_of_the_exponents_is_ln_r2(pair, simulator_of, d, r, impacts):
 def test_the_sum_of_the_exponents_with_two_restitutions(pair, simulator_of):
     simulator = simulator_of(pair(r_B=0.4, r_T=0.7, d=0.2))
     start = simulator.run(simulator.state("B", 0.25, 0.6), periods=100, record=False).end
-    found = exponents(simulator, start, 1500)
+    found = exponents_of(simulator, start, simulator.run(start, impacts=1500))
     assert abs(sum(found.per_impact) - found.restitution) < 1e-6
 
 
@@ -501,7 +501,7 @@ def test_damped_flights_contract_as_the_damping_says(oscillator, simulator_of):
     c = 0.2
     simulator = simulator_of(oscillator(c=c, r=0.6, sigma=0.0, omega=2.0))
     start = simulator.run(simulator.state("S", 0.1, 1.0), impacts=60).end
-    found = exponents(simulator, start, 60)
+    found = exponents_of(simulator, start, simulator.run(start, impacts=60))
     duration = found.periods * simulator.period / found.impacts
     assert abs(sum(found.per_impact) - (2 * math.log(0.6) - c * duration)) < 1e-6
 
@@ -511,7 +511,8 @@ def test_exponents_of_a_periodic_orbit_are_its_multipliers(pair, simulator_of, k
     orbit = next(o for o in find_orbits(model, "1:1", kernels=kernels_of(model, "s")) if o.stable)
     simulator = simulator_of(model)
     start = simulator.state("B", orbit.times[0], orbit.velocities[0])
-    short, long = (exponents(simulator, start, n).per_impact[0] for n in (1000, 3000))
+    runs = (simulator.run(start, impacts=n) for n in (1000, 3000))
+    short, long = (exponents_of(simulator, start, run).per_impact[0] for run in runs)
     # the first disturbance turns into the leading direction: that part is the same in both
     assert (3 * long - short) / 2 == pytest.approx(
         math.log(abs(orbit.multipliers[0])) / 2, abs=1e-9
@@ -522,7 +523,7 @@ def test_complex_motion_has_a_positive_exponent(pair, simulator_of):
     """Fig. 7(i), d = 0.226: 0.085 per impact from an independent computation."""
     simulator = simulator_of(pair(d=0.226))
     start = simulator.run(State(0, 0.25, 0.6), periods=100, record=False).end
-    found = exponents(simulator, start, 6000)
+    found = exponents_of(simulator, start, simulator.run(start, impacts=6000))
     assert abs(found.per_impact[0] - 0.0851) < 4 * found.error + 1e-3
     assert found.per_impact[0] > 10 * found.error
 

@@ -18,7 +18,7 @@ from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
 from contimpact.segments.kernels import Kernels
-from contimpact.simulation.lyapunov import exponents
+from contimpact.simulation.lyapunov import exponents_of
 from contimpact.simulation.settle import settle
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.oscillator import Oscillator
@@ -157,7 +157,7 @@ def test_a_simulation_settles_on_the_stable_orbit(orbit):
 def test_exponents_of_a_simulation_are_those_of_the_multipliers(orbit):
     simulator = Simulator(orbit.model)
     state = simulator.run(simulator.state("C", 0.3, 1.0), impacts=150).end
-    found = exponents(simulator, state, 400)
+    found = exponents_of(simulator, state, simulator.run(state, impacts=400))
     contact = orbit.times[1] - orbit.times[0]
     p = orbit.model.values
     want = -p["c"] * 2 * math.pi / p["omega"] - p["c_b"] * contact
