@@ -168,41 +168,27 @@ class Scenario:
 
 
 class Kind(ABC):
-    """A kind of event on branches of periodic orbits.
-
-    Attributes
-    ----------
-    name : str
-        As scenes and catalogues have it.
-    changes : Change or None
-        What changes along a branch there as a rule.
-    finding : int or None
-        Why orbits beyond it are unphysical: a finding of `contimpact.orbits.physicality`.
-    multiplier : float or None
-        The value of a multiplier there.
-    crossing : bool
-        Whether branches cross there: the catalogue keeps the branch's direction.
-    needed : tuple of str
-        Keys of its details without which an entry cannot be restored.
-    tilde : bool
-        Whether the labels of ghosts are marked.
-    shorter_at : (str, str) or None
-        Where its curves of doubled orbits become the orbit itself: the kind whose curve they meet,
-        and the point of codimension two on it.
-    auto : int
-        AUTO-07p's code for it; -4 is its code for a value asked for.
-    look : Look
-    """
+    """A kind of event on branches of periodic orbits."""
 
     name: str
+    """As scenes and catalogues have it."""
     changes: Change | None = None
+    """What changes along a branch there as a rule."""
     finding: int | None = None
+    """Why orbits beyond it are unphysical: a finding of `contimpact.orbits.physicality`."""
     multiplier: float | None = None
+    """The value of a multiplier there."""
     crossing: bool = False
+    """Whether branches cross there: the catalogue keeps the branch's direction."""
     needed: tuple[str, ...] = ()
+    """Keys of its details without which an entry cannot be restored."""
     tilde: bool = True
+    """Whether the labels of ghosts are marked."""
     shorter_at: tuple[str, str] | None = None
+    """Where its curves of doubled orbits become the orbit itself: the kind whose curve they meet,
+    and the point of codimension two on it."""
     auto: int = -4
+    """AUTO-07p's code for it; -4 is its code for a value asked for."""
     look: Look = Look()
 
     # Finding it.

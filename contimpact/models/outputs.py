@@ -30,28 +30,19 @@ class Harvester(Protocol):
 
 @dataclass(frozen=True)
 class Output:
-    """A named expression in the state of a system.
-
-    Attributes
-    ----------
-    name, expression : str
-    at_impacts : bool
-        Whether its mean is that of its values before impacts, instead of that over time.
-    contacts : str
-        Letters of guards at which contacts begin: its mean is that over these contacts, and it is
-        an expression in `CONTACT` and the parameters.
-    per_time : bool
-        Whether it is their sum in a unit of time instead.
-    harvester : Harvester, optional
-        What gives an impact the voltage ``U``.
-    """
+    """A named expression in the state of a system."""
 
     name: str
     expression: str
     at_impacts: bool = False
+    """Whether its mean is that of its values before impacts, instead of that over time."""
     contacts: str = ""
+    """Letters of guards at which contacts begin: its mean is that over these contacts, and it is an
+    expression in `CONTACT` and the parameters."""
     per_time: bool = False
+    """Whether it is their sum in a unit of time instead."""
     harvester: Harvester | None = None
+    """What gives an impact the voltage ``U``."""
 
     def variables(self, model: Model) -> list[str]:
         """Return the names it may use."""

@@ -30,36 +30,26 @@ the motion pass, so that the flight can vanish with the velocities at its ends."
 
 
 class Passages(NamedTuple):
-    """What meets the flights of a system, by the numbers of its guards.
-
-    Attributes
-    ----------
-    watched : tuple of tuple of bool
-        Of each guard that is left: whether the flight can meet each guard.
-    leaving : tuple of float
-        The side, on the flight, of the surface that it leaves: its guard's after a rigid wall, that
-        of the guard that the new mode has there after another, or zero if it has none.
-    arrivals : tuple of tuple of int
-        Of each guard that is left: where a flight to each guard ends.
-    onto : tuple of tuple of bool
-        Of each guard that is left: whether the jump after a touch leads onto the surface of each
-        guard, so that the flight there vanishes with the velocity of the touch. Empty for none.
-    begins, at_rest : tuple of tuple of bool
-        Of each guard that is left: whether the flight begins on the surface of each guard of its
-        mode with a rate of either sign, so that it may leave the mode at once; or always without
-        any. Empty for none.
-    bends : tuple of tuple of bool
-        Of each guard that is left: whether the rate of each guard's gap coordinate is another one
-        after it than before, in modes that both have that guard. Empty for none.
-    """
+    """What meets the flights of a system, by the numbers of its guards."""
 
     watched: tuple[tuple[bool, ...], ...]
+    """Of each guard that is left: whether the flight can meet each guard."""
     leaving: tuple[float, ...]
+    """The side, on the flight, of the surface that it leaves: its guard's after a rigid wall, that
+    of the guard that the new mode has there after another, or zero if it has none."""
     arrivals: tuple[tuple[int, ...], ...]
+    """Of each guard that is left: where a flight to each guard ends."""
     onto: tuple[tuple[bool, ...], ...] = ()
+    """Of each guard that is left: whether the jump after a touch leads onto the surface of each
+    guard, so that the flight there vanishes with the velocity of the touch. Empty for none."""
     begins: tuple[tuple[bool, ...], ...] = ()
     at_rest: tuple[tuple[bool, ...], ...] = ()
+    """`begins`, `at_rest`: of each guard that is left: whether the flight begins on the surface of
+    each guard of its mode with a rate of either sign, so that it may leave the mode at once; or
+    always without any. Empty for none."""
     bends: tuple[tuple[bool, ...], ...] = ()
+    """Of each guard that is left: whether the rate of each guard's gap coordinate is another one
+    after it than before, in modes that both have that guard. Empty for none."""
 
     def meets_at_rest(self, left: int, reached: int) -> bool:
         """Whether a flight that a touch starts can vanish."""

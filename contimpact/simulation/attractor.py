@@ -37,92 +37,65 @@ class Kind(enum.Enum):
 
 @dataclass(frozen=True, eq=False)
 class Attractor(ParameterItems, NotebookResult):
-    """What was found at one set of parameter values.
-
-    Attributes
-    ----------
-    kind : Kind
-    parameters : mapping of str to float
-        All parameters and derived parameters.
-    word : str or None
-        Walls of one period, its first rotation in the order of the walls, as ``BBT``; a sojourn on
-        a wall, with the accumulation of impacts that leads to it, is written ``B*``.
-    period : int or None
-        In forcing periods.
-    forcing_period : float
-        T, in the unit of `times`.
-    notation : str
-        ``2:1``, ``1:1/2T``, ``1:1/C`` for complex motion, or the kind.
-    walls, times, velocities, released : ndarray of shape (N,)
-        Impacts of one period from the word's first one on, whose time is in [0, T); for motions
-        that are not periodic, of the last part of the run.
-    others : ndarray of shape (N, n)
-        The other section coordinates, position and velocity of each coordinate but the one that the
-        wall gives; n is zero for one degree of freedom.
-    held : ndarray of int, shape (N,)
-        The walls against which the system rests before each impact, a bit for each; of several
-        degrees of freedom only.
-    multipliers : tuple of complex, or None
-        The largest first.
-    exponents : tuple of float
-        Lyapunov exponents per impact, the largest first, and its standard error; of periodic
-        motion NaN where rounding leaves nothing of the multiplier, which is then zero.
-    error : float
-    exponent_sum : float or None
-        Of periodic motion the sum of all exponents, from determinants, also where they are not
-        known one by one; None where it is that of `exponents`.
-    restitution : float
-        Mean of ln r^2 over the impacts.
-    per_period : float
-        The largest exponent per forcing period.
-    rate : float
-        Impacts per forcing period.
-    smallest_gap : float
-        Nearest to a wall that a flight comes without touching it; periodic motions only.
-    closing : float
-        By how much the period closes.
-    distance : float
-        Of the motion from the periodic orbit when it was told.
-    periods : int
-        Simulated until then.
-    state : State or None
-        From which a neighbour can start.
-    mode : str
-        Of a motion without impacts, the mode in which it goes on; empty in systems of one mode.
-    motion : tuple of float or None
-        Of such a motion, if it settles on one of the forcing's period, position and velocity of
-        each coordinate at t = 0: the unknowns x0, v0, x1, v1, ... of an orbit of the word ``0``.
-    model : Model or None
-        Its system at these values; None if it was read from a file.
-    """
+    """What was found at one set of parameter values."""
 
     kind: Kind
     parameters: Mapping[str, float]
+    """All parameters and derived parameters."""
     notation: str
+    """``2:1``, ``1:1/2T``, ``1:1/C`` for complex motion, or the kind."""
     forcing_period: float
+    """T, in the unit of `times`."""
     word: str | None = None
+    """Walls of one period, its first rotation in the order of the walls, as ``BBT``; a sojourn on a
+    wall, with the accumulation of impacts that leads to it, is written ``B*``."""
     period: int | None = None
+    """In forcing periods."""
     walls: Array = field(default_factory=lambda: np.zeros(0, dtype=np.int8))
     times: Array = field(default_factory=lambda: np.zeros(0))
     velocities: Array = field(default_factory=lambda: np.zeros(0))
     released: Array = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    """`walls` to `released`, of shape (N,): impacts of one period from the word's first one on,
+    whose time is in [0, T); for motions that are not periodic, of the last part of the run."""
     others: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """The other section coordinates (N, n), position and velocity of each coordinate but the one
+    that the wall gives; n is zero for one degree of freedom."""
     held: Array = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    """The walls against which the system rests before each impact, a bit for each, of shape (N,);
+    of several degrees of freedom only."""
     multipliers: tuple[complex, ...] | None = None
+    """The largest first."""
     exponents: tuple[float, ...] = (math.nan, math.nan)
     error: float = math.nan
+    """`exponents`, `error`: Lyapunov exponents per impact, the largest first, and its standard
+    error; of periodic motion NaN where rounding leaves nothing of the multiplier, which is then
+    zero."""
     restitution: float = math.nan
+    """Mean of ln r^2 over the impacts."""
     per_period: float = math.nan
+    """The largest exponent per forcing period."""
     rate: float = math.nan
+    """Impacts per forcing period."""
     smallest_gap: float = math.nan
+    """Nearest to a wall that a flight comes without touching it; periodic motions only."""
     closing: float = math.nan
+    """By how much the period closes."""
     distance: float = math.nan
+    """Of the motion from the periodic orbit when that was recognised."""
     periods: int = 0
+    """Simulated until then."""
     state: State | None = None
+    """From which a neighbour can start."""
     mode: str = ""
+    """Of a motion without impacts, the mode in which it continues; empty in systems of one mode."""
     motion: tuple[float, ...] | None = None
+    """Of such a motion, if it settles on one of the forcing's period, position and velocity of each
+    coordinate at t = 0: the unknowns x0, v0, x1, v1, ... of an orbit of the word ``0``."""
     exponent_sum: float | None = None
+    """Of periodic motion the sum of all exponents, from determinants, also where they are not known
+    one by one; None where it is that of `exponents`."""
     model: Model | None = field(default=None, compare=False)
+    """Its system at these values; None if it was read from a file."""
 
     @property
     def stable(self) -> bool:
