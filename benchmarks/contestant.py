@@ -88,10 +88,7 @@ class Workspace:
         return (
             os.environ
             | dict.fromkeys(THREADS, "1")
-            | {
-                "CONTIMPACT_COMPILED": MODES[mode],
-                "CONTIMPACT_CACHE": str(cache),
-            }
+            | {"CONTIMPACT_COMPILED": MODES[mode], "CONTIMPACT_CACHE": str(cache)}
         )
 
     def timed(self, script: str, *arguments: str, mode: str) -> float:

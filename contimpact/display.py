@@ -12,14 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from .errors import (
-    InputError,
-    did_you_mean,
-    explain_arguments,
-    missing,
-    printable,
-    short_repr,
-)
+from .errors import InputError, did_you_mean, explain_arguments, missing, printable, short_repr
 
 LINES = 10
 """Largest number of lines in a text that shows a result."""

@@ -81,7 +81,7 @@ def random_scene(seed):
         word = [str(draw.choice(["ABLR", "AB", "LR"])), "ABLR"]
     else:
         guards = turns | {
-            "W": {"mode": "up", "within": "x <= e", "to": "down", "set": {"v": "-r*v"}},
+            "W": {"mode": "up", "within": "x <= e", "to": "down", "set": {"v": "-r*v"}}
         }
         word = [str(draw.choice(["WB", "AB"]))]
     texts = [text for laws in modes.values() for text in laws.values()]

@@ -20,10 +20,7 @@ FORCINGS = {
         -mp.mpf(1) / 8,
         [(1, mp.cos(mp.mpf(0.3)), -mp.sin(mp.mpf(0.3))), (4, 0, mp.mpf(1) / 5)],
     ),
-    "cos(pi*t)*cos(2*pi*t)*sin(3*pi*t)": lambda: (
-        0,
-        [(k, 0, mp.mpf(1) / 4) for k in (2, 4, 6)],
-    ),
+    "cos(pi*t)*cos(2*pi*t)*sin(3*pi*t)": lambda: (0, [(k, 0, mp.mpf(1) / 4) for k in (2, 4, 6)]),
     "exp(cos(pi*t))/3": _bessel_series,
 }
 """Forcing texts and, for each, mean and [(k, a_k, b_k), ...], known in closed form."""

@@ -227,14 +227,7 @@ def test_pyplot_is_imported_nowhere(module):
 @law(FILES)
 def test_sympy_is_imported_where_it_is_used(module):
     found = places(module, lambda i: inside(i.module, "sympy") and i.at_import)
-    of_models = (
-        "equations",
-        "filippov",
-        "linear",
-        "nonlinear",
-        "symbolic",
-        "symbols",
-    )
+    of_models = ("equations", "filippov", "linear", "nonlinear", "symbolic", "symbols")
     names = (
         *(f"models.{name}" for name in of_models),
         *(f"segments.{name}" for name in ("codegen",)),

@@ -114,10 +114,7 @@ def test_voltages_of_impacts():
         "model": {"system": "impact-pair", "parameters": {"beta": 0.5, "r": 0.3, "A": 5, "s": 0.4}},
         "follow": {"parameter": "s", "range": [0.39, 0.41], "orbits": ["1:1"]},
         "detect": {"events": []},
-        "output": {
-            "mean": {"before_impacts": "U"},
-            "rate": {"before_impacts": "U", "per": "time"},
-        },
+        "output": {"mean": {"before_impacts": "U"}, "rate": {"before_impacts": "U", "per": "time"}},
         "energy": {"U_in": 1000.0},
         "plot": {"formats": []},
     }

@@ -37,7 +37,7 @@ print(json.dumps({
 
 ALWAYS = {"setup", "harmonics", "flight_B_T", "flight_T_B", "motion_B", "motion_T"}
 FOR = {
-    "grazing": {"flight_B_B"},  # from an impact to a touch at the same wall
+    "grazing": {"flight_B_B"}  # from an impact to a touch at the same wall
 }
 """The kernels that events need beyond those of a branch."""
 

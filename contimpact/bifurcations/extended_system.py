@@ -36,14 +36,7 @@ from ..continuation.crossing_branches import Meeting
 from ..continuation.problem import Problem
 from ..orbits.problem import Linearisation, OrbitProblem, rounding
 from .event_solver import LocatedPoint, solver_of
-from .scalar_systems import (
-    CONVERGED,
-    EPSILON,
-    FAR,
-    FIRST_ORDER,
-    NEWTON_ITERATIONS,
-    ScalarForm,
-)
+from .scalar_systems import CONVERGED, EPSILON, FAR, FIRST_ORDER, NEWTON_ITERATIONS, ScalarForm
 
 # Test functions of orbits: written once, for a single orbit and for all those of a batch.
 
@@ -321,9 +314,7 @@ def surroundings(here: Linearisation, far: float = FAR) -> Callable[[Array], boo
 
 
 def located(
-    system: ExtendedSystem,
-    guess: OrbitPoint,
-    details: Callable[[Solution], Details] | None = None,
+    system: ExtendedSystem, guess: OrbitPoint, details: Callable[[Solution], Details] | None = None
 ) -> Location | None:
     """Solve a system from a point as a test function does; None if that fails."""
     solution = solve(system, guess.evaluation)

@@ -390,10 +390,7 @@ class _Work:
         return found
 
     def _branch(
-        self,
-        branch: Branch,
-        entries: Sequence[Entry],
-        known: Mapping[str, EventCertificate],
+        self, branch: Branch, entries: Sequence[Entry], known: Mapping[str, EventCertificate]
     ) -> BranchCertificate:
         def tell(text: str) -> None:
             self.progress(f"certifying {branch.id}, {branch.notation}: {text}")

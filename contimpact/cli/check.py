@@ -6,13 +6,7 @@ import argparse
 import textwrap
 from collections.abc import Sequence
 
-from ..diagrams.starting_orbits import (
-    add_settled,
-    error_at_key,
-    not_found,
-    refusal,
-    search_at,
-)
+from ..diagrams.starting_orbits import add_settled, error_at_key, not_found, refusal, search_at
 from ..errors import InputError, printable
 from ..models.word import name_orbit
 from ..progress import Progress

@@ -202,13 +202,7 @@ def measure_chain(
 
 
 def touches_of(
-    orbit: ChainVectors,
-    k: int,
-    g: int,
-    made: int,
-    start: float,
-    length: float,
-    arriving: float,
+    orbit: ChainVectors, k: int, g: int, made: int, start: float, length: float, arriving: float
 ) -> float:
     """Fill in the gaps of a flight to the walls of one gap coordinate; returns its slowest turn."""
     counts, following = orbit.counts, k + 1 if k + 1 < len(orbit.kinds) else 0
@@ -276,12 +270,5 @@ def follow_law(
         orbit.forces,
     )
     return follow_all(
-        freedom,
-        int(waves),
-        orbit.law,
-        orbit.ends,
-        orbit.weights,
-        coordinates,
-        length,
-        flown,
+        freedom, int(waves), orbit.law, orbit.ends, orbit.weights, coordinates, length, flown
     )

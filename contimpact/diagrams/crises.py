@@ -112,11 +112,7 @@ Unstable = list[tuple[Orbit, str | None]]
 
 
 def _unstable_on(
-    diagram: Diagram,
-    sweep: Sweep,
-    value: float,
-    kernels: Kernels,
-    beyond: Attractor | None = None,
+    diagram: Diagram, sweep: Sweep, value: float, kernels: Kernels, beyond: Attractor | None = None
 ) -> Unstable:
     """Return the orbits at a value of which a crisis may be: those on branches, and others of the
     word of what is seen beyond."""
@@ -137,10 +133,7 @@ def _unstable_on(
 
 
 def _first(
-    orbits: Unstable,
-    before: Row,
-    after: Row,
-    search: Callable[[Orbit, Any], Crisis | NoCrisis],
+    orbits: Unstable, before: Row, after: Row, search: Callable[[Orbit, Any], Crisis | NoCrisis]
 ) -> tuple[Crisis | None, str]:
     """The crisis of orbits that is met first between two rows, or None and why none of each was
     found."""

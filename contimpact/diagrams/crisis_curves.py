@@ -8,12 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..arrays import Array
-from ..bifurcations.crisis import (
-    Connected,
-    Connection,
-    error_of,
-    solve,
-)
+from ..bifurcations.crisis import Connected, Connection, error_of, solve
 from ..continuation.ends import End
 from ..continuation.settings import Settings
 from ..continuation.walk import walk

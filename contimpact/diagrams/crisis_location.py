@@ -17,13 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..bifurcations.crisis import (
-    Connected,
-    Connection,
-    refined,
-    solve,
-    unstable_direction,
-)
+from ..bifurcations.crisis import Connected, Connection, refined, solve, unstable_direction
 from ..errors import InputError, explain_arguments
 from ..models.model import Model
 from ..models.word import Word, is_rotation

@@ -45,11 +45,7 @@ class CurveProblem:
     """
 
     def __init__(
-        self,
-        kind: Kind,
-        system: ExtendedSystem,
-        details: Details,
-        spans: Sequence[float],
+        self, kind: Kind, system: ExtendedSystem, details: Details, spans: Sequence[float]
     ) -> None:
         self.kind, self.system, self.details = kind, system, dict(details)
         self.orbit = system.problem

@@ -30,13 +30,7 @@ from ..orbits.orbit import Orbit
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
 from ..orbits.search import SAME_ORBIT, Search, mirror_orbit, reduce_period
-from ..progress import (
-    Asked,
-    Progress,
-    RememberedProgress,
-    counting_callback,
-    progress_lines,
-)
+from ..progress import Asked, Progress, RememberedProgress, counting_callback, progress_lines
 from ..results.branch import Branch, Entry
 from ..results.diagram import Diagram, Limits
 from ..results.quantities import add_outputs

@@ -308,14 +308,7 @@ def chain_program_of(kernels: Kernels) -> Program:
     program.glue(choice("any_law", "wall, s, p", "wall", list(laws), f"{start}, {p}"), **laws)
     program.constant("ChainVectors", ChainVectors)
     program.constant("FollowedFlight", FollowedFlight)
-    called = (
-        take_steps,
-        chain_step,
-        tangent_of_chain,
-        evaluate_chain,
-        observe_chain,
-        follow_law,
-    )
+    called = (take_steps, chain_step, tangent_of_chain, evaluate_chain, observe_chain, follow_law)
     named = {function.__name__: function for function in called}
     fields = ", ".join(ChainVectors._fields)
     program.glue(CHAIN_ENTRY.format(fields=fields, p=p), kernel_setup=kernels.setup, **named)

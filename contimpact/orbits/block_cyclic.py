@@ -117,13 +117,7 @@ def assemble(
 
 
 def eliminate(
-    blocks: Table,
-    arrivals: Vector,
-    kept: Table,
-    right: float,
-    exact: bool,
-    z: Vector,
-    span: float,
+    blocks: Table, arrivals: Vector, kept: Table, right: float, exact: bool, z: Vector, span: float
 ) -> Reduced:
     """Eliminate impacts 2 to N.
 

@@ -74,12 +74,7 @@ bodies of a symmetric machine hit at once, all along a branch."""
 
 
 def verdict(
-    walls: Vector,
-    sides: Vector,
-    durations: Vector,
-    gaps: Vector,
-    times: Vector,
-    velocities: Vector,
+    walls: Vector, sides: Vector, durations: Vector, gaps: Vector, times: Vector, velocities: Vector
 ) -> tuple[int, int, int, float, float, float]:
     """Decide whether an orbit is physical, from numbers: its word, durations and velocities.
 

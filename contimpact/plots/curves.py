@@ -657,14 +657,7 @@ def plot_transitions(
     given = None if ax is None else [ax]
     bare = [replace(curve, points=()) for curve in curves]  # their marks are like those drawn here
     (ax,) = plot_curves(
-        bare,
-        given,
-        along=along,
-        units=units,
-        checks=checks,
-        areas=areas,
-        xlim=xlim,
-        ylim=ylim,
+        bare, given, along=along, units=units, checks=checks, areas=areas, xlim=xlim, ylim=ylim
     )[:1]
     limits = ax.get_xlim(), ax.get_ylim()
     found = [(s.model.values[second], met) for s in sweeps for met in _sweep_limits(s, to, along)]

@@ -113,10 +113,7 @@ def _manifest_summary(folder: Path, manifest: Mapping[str, Any] | None) -> dict[
     if manifest is None:
         return {"source": None, "versions": None}
     try:
-        return {
-            "source": manifest["scene"]["resolved"]["source"],
-            "versions": manifest["versions"],
-        }
+        return {"source": manifest["scene"]["resolved"]["source"], "versions": manifest["versions"]}
     except (KeyError, TypeError):
         where = str(folder / "manifest.json")
         raise InputError(where, "damaged", f"give {WANTED}") from None

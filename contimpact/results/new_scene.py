@@ -158,11 +158,7 @@ _STARTS = {
         ("mu_0", 0.3, 0.5),
     ),
     "van-der-pol": _Start(
-        {"epsilon": 1.0, "sigma": 1.5, "r": 0.8},
-        "sigma",
-        (1.0, 2.2),
-        ["S"],
-        ("epsilon", 0.5, 2.0),
+        {"epsilon": 1.0, "sigma": 1.5, "r": 0.8}, "sigma", (1.0, 2.2), ["S"], ("epsilon", 0.5, 2.0)
     ),
     "linear": _Start(
         {"m1": 1.0, "m2": 0.5, "c": 0.1, "k1": 1.0, "k2": 0.6, "a": 1.0, "omega": 1.5}

@@ -602,11 +602,7 @@ class DesignOptions:
     bounds: Mapping[str, tuple[float, float]] = key(
         doc="of each parameter to choose, such as `s = [0.2, 0.8]`", check=_bounds
     )
-    tolerances: Mapping[str, Tolerance] = key(
-        {},
-        shown="none",
-        **TOLERANCES,
-    )
+    tolerances: Mapping[str, Tolerance] = key({}, shown="none", **TOLERANCES)
     margin: float = key(
         1.0,
         "distance to the nearest event at least; 0 for none",

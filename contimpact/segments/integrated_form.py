@@ -524,11 +524,7 @@ class Split:
     """A flight in pieces at given ends, and what its blocks are made of; `known` is one nearby."""
 
     def __init__(
-        self,
-        form: IntegratedForm,
-        ends: list[float],
-        values: list[float],
-        known: Split | None,
+        self, form: IntegratedForm, ends: list[float], values: list[float], known: Split | None
     ) -> None:
         self.form, self.ends, self.values = form, ends, values
         self.m, self.free = form._m, form._free

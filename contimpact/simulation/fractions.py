@@ -23,13 +23,7 @@ from ..models.model import Model
 from ..orbits.orbit import Orbit
 from ..orbits.search import solve_near
 from ..progress import Asked, progress_lines
-from ..results.options import (
-    MOST_FRACTION_STARTS,
-    MOST_ROUNDS,
-    SETTLING,
-    Settling,
-    check_pairs,
-)
+from ..results.options import MOST_FRACTION_STARTS, MOST_ROUNDS, SETTLING, Settling, check_pairs
 from ..results.ranges import FRACTIONS, Share, shorten_names
 from ..segments.kernels import Kernels
 from ..storage.texts import csv_text

@@ -31,13 +31,7 @@ from ..models.guards import pivot
 from ..segments.arithmetic import Kernel
 from ..segments.compiling import timed_plainly
 from ..segments.flight import hit_between
-from ..segments.linear_flow import (
-    Shape,
-    generator_of,
-    mean_rates,
-    scales_of,
-    series_of_floats,
-)
+from ..segments.linear_flow import Shape, generator_of, mean_rates, scales_of, series_of_floats
 from ..segments.segment import ELSEWHERE, Passages
 from ..segments.track import turns_of
 from .flights import REPEATED, TOGETHER
@@ -212,17 +206,7 @@ def first_in_piece(
             turned = right[1] != 0.0 and (right[1] > 0.0) != rising
             if kind == MONOTONE:
                 side, s, speed = hit_between(
-                    displacement,
-                    (at,),
-                    space,
-                    begin,
-                    left,
-                    end,
-                    right,
-                    turned,
-                    rising,
-                    low,
-                    high,
+                    displacement, (at,), space, begin, left, end, right, turned, rising, low, high
                 )
                 if side != 0:
                     return side, s, speed

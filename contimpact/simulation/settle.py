@@ -24,14 +24,7 @@ from ..models.word import Word
 from ..results.options import SETTLING, Settling
 from ..segments.flight import FlightGaps, flight_gaps
 from ..segments.touches import interior_touches
-from .attractor import (
-    Attractor,
-    Cycle,
-    Kind,
-    cycle_near,
-    repeats,
-    sticking_cycle,
-)
+from .attractor import Attractor, Cycle, Kind, cycle_near, repeats, sticking_cycle
 from .lyapunov import Contraction, contraction, derivative_product, exponents_of
 from .run import Outcome, Run, State
 from .simulator import Simulator, as_simulator, free_motion, state_after

@@ -14,16 +14,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
-from ..models.model import (
-    Formulas,
-    Geometry,
-    Guard,
-    Model,
-    Parameter,
-    Symmetry,
-    Wall,
-    mean_depends,
-)
+from ..models.model import Formulas, Geometry, Guard, Model, Parameter, Symmetry, Wall, mean_depends
 
 State = Sequence[Any]
 """Positions or velocities, one for each degree of freedom."""

@@ -54,10 +54,7 @@ class SoftStop(Model):
     def validate(self) -> None:
         """Refuse undamped resonance, in flight or in contact."""
         c, k, omega = self.values["c"], self.values["k"], self.values["omega"]
-        laws = {
-            "free": (c, k),
-            "contact": (c + self.values["c_b"], k + self.values["k_b"]),
-        }
+        laws = {"free": (c, k), "contact": (c + self.values["c_b"], k + self.values["k_b"])}
         for mode, (damping, stiffness) in laws.items():
             if damping == 0 and math.isclose(stiffness, omega**2, rel_tol=1e-15):
                 found = f"undamped, the mode {mode!r} is at resonance: it has no periodic response"

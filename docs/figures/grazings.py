@@ -93,11 +93,7 @@ def new(entries, known):
 def sample():
     """The 30 grazings."""
     one, other = pairs(np.random.default_rng(1)), stops(np.random.default_rng(2))
-    return [
-        *fig7(),
-        *(next(one) for _ in range(PAIRS)),
-        *(next(other) for _ in range(STOPS)),
-    ]
+    return [*fig7(), *(next(one) for _ in range(PAIRS)), *(next(other) for _ in range(STOPS))]
 
 
 # Motion beyond them.

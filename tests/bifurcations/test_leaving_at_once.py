@@ -21,10 +21,7 @@ FRICTION = {
         "system": "hybrid",
         "period": "2*pi/w",
         "parameters": {"a": 1.0, "F": 0.3, "w": 0.5, "z": 0.02},
-        "modes": {
-            "up": {"x": "v", "v": f"{LAW} - F"},
-            "down": {"x": "v", "v": f"{LAW} + F"},
-        },
+        "modes": {"up": {"x": "v", "v": f"{LAW} - F"}, "down": {"x": "v", "v": f"{LAW} + F"}},
         "guards": {
             "A": {"mode": "up", "within": "v >= 0", "to": "down"},
             "B": {"mode": "down", "within": "v <= 0", "to": "up"},

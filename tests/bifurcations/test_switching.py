@@ -152,10 +152,7 @@ def test_no_branch_is_followed_twice(fig7):
 def test_a_zero_velocity_leads_back_to_the_grazing_branch():
     """The V of 2:1 is the G of 1:1: a meeting, with the same parameter value."""
     diagram = follow(
-        scene(
-            follow={"switch": ["G", "V"], "depth": 2},
-            detect={"events": ["FB", "PD", "G", "V"]},
-        )
+        scene(follow={"switch": ["G", "V"], "depth": 2}, detect={"events": ["FB", "PD", "G", "V"]})
     )
     grazing = find(diagram, "~G[1:1->2:1]", "1:1")[0]
     zeros = [

@@ -29,11 +29,7 @@ from contimpact.certificates.certify import (  # noqa: E402
 )
 from contimpact.certificates.equations import BallProblem  # noqa: E402
 from contimpact.certificates.event import certify_entry  # noqa: E402
-from contimpact.certificates.tube import (  # noqa: E402
-    nodes_of,
-    points_of,
-    scale_of,
-)
+from contimpact.certificates.tube import nodes_of, points_of, scale_of  # noqa: E402
 
 ENTRIES_ALONE = CertifyOptions(branches=False)
 

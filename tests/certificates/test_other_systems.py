@@ -28,16 +28,9 @@ flint = pytest.importorskip("flint", reason="needs contimpact[certify]")
 from contimpact.certificates import zeros  # noqa: E402
 from contimpact.certificates import zeros as touches  # noqa: E402
 from contimpact.certificates.branch import problem_of, verify_branch  # noqa: E402
-from contimpact.certificates.certify import (  # noqa: E402
-    FILE,
-    CertificateLog,
-    verify_results,
-)
+from contimpact.certificates.certify import FILE, CertificateLog, verify_results  # noqa: E402
 from contimpact.certificates.event import EventCertificate, certify_entry, verify_entry  # noqa: E402
-from contimpact.certificates.tube import (  # noqa: E402
-    points_of,
-    scale_of,
-)
+from contimpact.certificates.tube import points_of, scale_of  # noqa: E402
 
 ENTRIES_ALONE = CertifyOptions(branches=False)
 

@@ -671,8 +671,7 @@ def test_every_public_name_is_there():
 
 
 @pytest.mark.parametrize(
-    ("options", "imported"),
-    [("'--no-plot'", ["numpy"]), ("'-q'", ["numpy", "matplotlib"])],
+    ("options", "imported"), [("'--no-plot'", ["numpy"]), ("'-q'", ["numpy", "matplotlib"])]
 )
 @pytest.mark.quick(1)
 def test_a_warm_run_imports_what_it_needs(results, options, imported):

@@ -322,14 +322,7 @@ def test_a_function_of_several_components_says_which_one_vanished():
 def test_a_function_that_dips_below_zero_within_a_step_crosses_twice(function, sign, width, target):
     """The steps are 0.1 long; its signs on the points say nothing."""
     tests = [user(lambda p: sign * function(p.parameter - target, width))]
-    found = walk(
-        LINE,
-        np.array([0.0, 0.0]),
-        1,
-        parameter="p",
-        limits=(-2.0, 1.4),
-        tests=tests,
-    )
+    found = walk(LINE, np.array([0.0, 0.0]), 1, parameter="p", limits=(-2.0, 1.4), tests=tests)
     assert found.missed == []
     expected = [target - width, target + width]
     assert [event.parameter for event in found.events] == pytest.approx(expected, abs=1e-12)

@@ -52,10 +52,7 @@ def ellipse():
 def lemniscate():
     return Algebraic(
         lambda x, p: (x * x + p * p) ** 2 - (x * x - p * p),
-        lambda x, p: [
-            4.0 * x * (x * x + p * p) - 2.0 * x,
-            4.0 * p * (x * x + p * p) + 2.0 * p,
-        ],
+        lambda x, p: [4.0 * x * (x * x + p * p) - 2.0 * x, 4.0 * p * (x * x + p * p) + 2.0 * p],
     )
 
 

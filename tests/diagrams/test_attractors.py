@@ -80,12 +80,7 @@ STATED = {
     },
     "coupled-by-impact": {
         "modes": {
-            "": {
-                "x": "v",
-                "v": "a1*cos(omega*t) - c1*v - k1*x",
-                "y": "w",
-                "w": "(-c2*w - k2*y)/m2",
-            }
+            "": {"x": "v", "v": "a1*cos(omega*t) - c1*v - k1*x", "y": "w", "w": "(-c2*w - k2*y)/m2"}
         },
         "guards": {
             "K": {

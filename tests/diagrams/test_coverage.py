@@ -22,10 +22,7 @@ RANGES = {"A": (0.8, 40.0), "r": (0.05, 0.9)}
 def map_of(beta, r=0.5, word="1:1", cover=2, **curves):
     """PD and grazing over (A, r) at s = 0.5 m, as in Figs. 6(b) and 6(d), from one value of r."""
     return scene(
-        model={
-            "system": "impact-pair",
-            "parameters": {"beta": beta, "r": r, "A": 7.0, "s": 0.5},
-        },
+        model={"system": "impact-pair", "parameters": {"beta": beta, "r": r, "A": 7.0, "s": 0.5}},
         follow={"parameter": "A", "range": list(RANGES["A"]), "orbits": [word], "switch": []},
         detect={"events": ["FB", "PD", "G"]},
         curves={"parameter": "r", "range": list(RANGES["r"]), "cover": cover, **curves},

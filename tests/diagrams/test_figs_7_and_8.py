@@ -45,10 +45,7 @@ def test_entries_solve_again_in_thirty_digits(scene, diagram):
 def test_a_finer_walk_finds_no_other_event(scene, diagram):
     settings = scene.settings
     fine = dataclasses.replace(
-        settings,
-        step=settings.step / FINER,
-        max_step=settings.max_step / FINER,
-        max_points=200_000,
+        settings, step=settings.step / FINER, max_step=settings.max_step / FINER, max_points=200_000
     )
     finer = follow(dataclasses.replace(scene, settings=fine, max_points=400_000))
 

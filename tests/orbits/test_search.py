@@ -192,8 +192,7 @@ def test_period_doublings(pair, orbits, word, d, given):
 
 
 @pytest.mark.parametrize(
-    ("d", "given"),
-    [(0.22216730993, {"r": 0.3}), (0.22172669232, {"r": 0.25, "A": 7.0187761})],
+    ("d", "given"), [(0.22216730993, {"r": 0.3}), (0.22172669232, {"r": 0.25, "A": 7.0187761})]
 )
 def test_folds(pair, orbits, d, given):
     """Two 2:1 orbits just below the fold of Figs. 7 and 8, none just above."""

@@ -290,13 +290,7 @@ def test_labels_as_in_table_1(fig7):
     """G with the old count below and the new one above; a tilde over ghosts."""
     ax = plot_diagram(fig7, x="d", xlim=(0.13, 0.25))
     assert sorted(map(plain, labels_of(ax))) == sorted(
-        [
-            r"\widetilde{PD}$(2:1)",
-            r"G_{2:1}^{3:1}",
-            r"\widetilde{G}_{1:1}^{2:1}",
-            "FB",
-            "PD$(1:1)",
-        ]
+        [r"\widetilde{PD}$(2:1)", r"G_{2:1}^{3:1}", r"\widetilde{G}_{1:1}^{2:1}", "FB", "PD$(1:1)"]
     )
 
 

@@ -8,16 +8,7 @@ import pytest
 from contimpact import InputError
 from contimpact.results.scene import LONGEST_NAME, check_name, folder_of, require_own_folders
 
-PLAIN = [
-    "fig7",
-    "Fig. 7, lower part",
-    "50 % of r",
-    "100%",
-    "größer als 0.3",
-    "a-b_c",
-    "%zz",
-    "x.y",
-]
+PLAIN = ["fig7", "Fig. 7, lower part", "50 % of r", "100%", "größer als 0.3", "a-b_c", "%zz", "x.y"]
 AWKWARD = '/\\<>:"|?*%2Ff .aconul-é語'
 
 

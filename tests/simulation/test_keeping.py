@@ -92,8 +92,7 @@ def test_a_loaded_orbit_is_continued(kept, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "path", "where"),
-    [("branch.csv", "b.json", "path"), ("orbit.json", "o.csv", "path")],
+    ("name", "path", "where"), [("branch.csv", "b.json", "path"), ("orbit.json", "o.csv", "path")]
 )
 def test_a_file_has_the_ending_of_its_format(kept, name, path, where, tmp_path):
     with pytest.raises(ci.InputError, match=f"^{where}: found '{path}'; give a name that ends in"):

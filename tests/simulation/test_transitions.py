@@ -154,8 +154,7 @@ def test_all_transitions_of_a_sweep(scene, kernels_of, diagram):
 
 
 @pytest.mark.parametrize(
-    ("first", "second", "kind"),
-    [(0.40, 0.376, "PD"), (0.376, 0.40, None), (0.34, 0.26, None)],
+    ("first", "second", "kind"), [(0.40, 0.376, "PD"), (0.376, 0.40, None), (0.34, 0.26, None)]
 )
 def test_names_need_evidence(scene, kernels_of, first, second, kind):
     """A doubled word is a doubling wherever seen; other changes need a critical value near."""
