@@ -704,19 +704,8 @@ def plot_fractions(
 ) -> Any:
     """Draw basin fractions as stacked bands, with the interval of each at its upper edge.
 
-    Parameters
-    ----------
-    found : BasinFractions
-    ax : matplotlib.axes.Axes, optional
-        Where to draw, such as below a diagram; a new figure otherwise.
-    x : str, optional
-        The parameter, or derived parameter, on the axis.
-    unit : str
-        Of it.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
+    Returns the axes, such as those below a diagram; new ones by default. On their x axis is the
+    parameter, or the derived parameter x, in this unit.
     """
     ax = ax or style.new_figure(7.2, 3.6).add_subplot()
     name = x or found.parameter

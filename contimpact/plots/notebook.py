@@ -32,10 +32,9 @@ from .attractors import (
     portrait_figure,
 )
 from .curves import plot_curves
-from .diagram import plot_diagram
+from .diagram import plot_diagram, plot_ranges
 from .maps import plot_map
 from .orbit import plot_fit, plot_orbit
-from .ranges import plot_ranges
 
 DRAWN = (
     "branches, diagrams, curves, orbits, events, attractors, runs, sweeps, basins, fractions, "

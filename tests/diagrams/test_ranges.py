@@ -17,7 +17,7 @@ from contimpact.diagrams.crises import add_crises
 from contimpact.diagrams.crisis_location import Crisis, locate_crisis
 from contimpact.diagrams.ranges import attractor_ranges, load_ranges
 from contimpact.errors import InputError
-from contimpact.plots.ranges import plot_ranges
+from contimpact.plots.diagram import plot_ranges
 from contimpact.results.diagram import Diagram
 from contimpact.results.ranges import Share
 from contimpact.simulation.settle import settle
