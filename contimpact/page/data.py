@@ -28,6 +28,7 @@ from ..results.curve import (
     key_of,
     keys_of,
     lanes,
+    panel_areas,
     panels,
     parameters_of,
     regions,
@@ -580,12 +581,11 @@ def _panels(diagram: Diagram) -> list[dict[str, Any]]:
         {
             "fixed": dict(group[0].fixed),
             "along": (along := falling_column(group)),
-            "across": group[0].parameters[1],
+            "across": (across := group[0].parameters[1]),
             "curves": [places[curve.id] for curve in group],
             "areas": [
                 _area_record(area)
-                for area in diagram.areas
-                if area.orbits and _is_area_of(area, group[0].fixed, group[0].parameters[1], along)
+                for area in panel_areas(diagram.areas, group[0].fixed, across, along)
             ],
             "regions": _regions(regions(group, along, diagram.checks)),
         }
@@ -599,10 +599,6 @@ def _regions(found: Sequence[Region]) -> list[dict[str, Any]]:
         {**dataclasses.asdict(region), "said": region.said, "lane": lane}
         for region, lane in zip(found, lanes(found), strict=True)
     ]
-
-
-def _is_area_of(area: Area, fixed: Mapping[str, float], across: str, along: str) -> bool:
-    return (dict(area.fixed), area.across, area.along) == (dict(fixed), across, along)
 
 
 def _area_record(area: Area) -> dict[str, Any]:

@@ -41,6 +41,7 @@ from ..results.curve import (
     key_of,
     keys_of,
     lanes,
+    panel_areas,
     panels,
     parameters_of,
     regions,
@@ -99,18 +100,6 @@ HATCHED = "0.55"
 """Colour of hatches."""
 
 Colours = Callable[[StableOrbit], str]
-
-
-def panel_areas(
-    areas: Sequence[Area], fixed: Mapping[str, float], across: str, along: str
-) -> list[Area]:
-    """Return the areas of one member of a family in one plane, without those of nothing stable."""
-    return [
-        area
-        for area in areas
-        if (dict(area.fixed), area.across, area.along) == (dict(fixed), across, along)
-        and area.orbits
-    ]
 
 
 def draw_areas(ax: Any, areas: Sequence[Area], colours: Colours) -> None:

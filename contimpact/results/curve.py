@@ -111,6 +111,18 @@ class Area:
         return told
 
 
+def panel_areas(
+    areas: Sequence[Area], fixed: Mapping[str, float], across: str, along: str
+) -> list[Area]:
+    """Return the areas of one member of a family in one plane, without those of nothing stable."""
+    return [
+        area
+        for area in areas
+        if (dict(area.fixed), area.across, area.along) == (dict(fixed), across, along)
+        and area.orbits
+    ]
+
+
 def _count_crossings(ring: np.ndarray, x: float, y: float) -> int:
     """How often a ring crosses the line upwards from a point."""
     (a, b), (c, d) = ring[:-1].T, ring[1:].T
