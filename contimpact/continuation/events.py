@@ -150,6 +150,10 @@ SHRUNK = 1e-2
 """A function that has not fallen below this part of its values at the ends jumps; a fifth root
 falls to a thousandth before its argument is rounding."""
 
+JUMPED = 0.5
+"""A function that keeps this part of its values at the ends on one side jumps, too, however small
+it is on the other."""
+
 CLOSED_IN = 1e-6
 """A function that has no value in a bracket this narrow jumps there."""
 
@@ -214,15 +218,14 @@ def locate(
         if b - a <= 8.0 * EPSILON or value == 0.0:
             break
     assert guess is not None
-    small, large = sorted((abs(fa), abs(fb)))
-    shrunk = SHRUNK * max(abs(left), abs(right))
-    if small > shrunk:
+    most = max(abs(left), abs(right))
+    if min(abs(fa), abs(fb)) > SHRUNK * most:
         sides = arc.left if a == 0.0 else arc.at(a), arc.right if b == 1.0 else arc.at(b)
         if any(side is not None and test.enters(side, index) for side in sides):
             return None
         return missed_event(test.kind, arc, JUMPS)
     event = _locate_by_bracket(test, arc, guess, index, 0.0 if value == 0.0 else b - a)
-    jumps = large > shrunk and value != 0.0
+    jumps = max(abs(fa), abs(fb)) > JUMPED * most and value != 0.0
     return missed_event(test.kind, arc, JUMPS) if jumps and test.accept(event) else event
 
 
