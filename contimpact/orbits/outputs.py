@@ -10,7 +10,7 @@ Flights are analytic, so that Gauss-Legendre quadrature on them converges geomet
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -173,9 +173,9 @@ def means_of(here: Linearisation, outputs: Sequence[Output], model: Model) -> li
     if any(output.contacts for output in outputs):
         along = iter(means_of(here, [o for o in outputs if not o.contacts], model))
         deep = any("deflection" in output.expression for output in outputs if output.contacts)
-        contacts = contacts_of(here, model, deep)
+        contacts, known = contacts_of(here, model, deep), {**model.values, **here.derived}
         return [
-            _over_contacts(contacts, one, model) if one.contacts else next(along) for one in outputs
+            _over_contacts(contacts, one, known) if one.contacts else next(along) for one in outputs
         ]
     if not outputs:
         return []
@@ -215,7 +215,9 @@ def integrals_of(
         before, parts = over_time, 2 * parts
 
 
-def _over_contacts(contacts: Sequence[Contact], output: Output, model: Model) -> Mean:
+def _over_contacts(
+    contacts: Sequence[Contact], output: Output, parameters: Mapping[str, float]
+) -> Mean:
     """The mean of an output over contacts; its error is by that of the deflections."""
     chosen = [c for c in contacts if c.wall in output.contacts]
     if not chosen:
@@ -225,7 +227,7 @@ def _over_contacts(contacts: Sequence[Contact], output: Output, model: Model) ->
         known = {name: np.array([getattr(c, name) for c in chosen]) for name in CONTACT}
         known["deflection"] = known["deflection"] + shift * np.array([c.error for c in chosen])
         with np.errstate(all="ignore"):
-            found = values_of(output.expression, output.name, known | model.parameters)
+            found = values_of(output.expression, output.name, known | parameters)
         both.append(float(np.mean(found)))
     return Mean(both[0], abs(both[1] - both[0]) + ROUNDING * abs(both[0]))
 

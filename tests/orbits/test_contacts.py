@@ -50,6 +50,22 @@ def test_rigid_walls_have_none():
     assert math.isnan(orbit.mean("duration", contacts="B").value)
 
 
+@pytest.mark.full
+def test_means_use_what_the_orbit_knows(monkeypatch):
+    """Derived parameters in an expression are the orbit's: no formula is evaluated for them."""
+    pair = ci.SoftPair(beta=0.5, r=0.3, A=5.0, s=0.45, k=500.0)
+    orbit = next(o for o in ci.find_orbits(pair, "BbTt") if o.physical)
+    gap, ratio = orbit.derived["d"], orbit.contacts[0].restitution
+    assert gap == pytest.approx(0.45 * 0.1245 * (5 * math.pi) ** 2 / (5.0 * math.pi**2), rel=1e-14)
+
+    def formula(model, name):
+        raise AssertionError(name)
+
+    monkeypatch.setattr(ci.SoftPair, "__getitem__", formula)
+    found = orbit.mean("restitution*d", contacts="B")
+    assert found.value == pytest.approx(ratio * gap, rel=1e-14)
+
+
 @pytest.mark.slow
 def test_columns(orbit):
     given = {
