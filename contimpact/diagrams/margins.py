@@ -37,7 +37,7 @@ from ..orbits.quiet import problem_of
 from ..orbits.search import solve_near
 from ..results.branch import Branch, Entry, orbit_at
 from ..results.entry_conversion import to_orbit
-from ..results.options import MarginOptions
+from ..results.options import MarginOptions, tolerance_sizes
 from ..segments.kernels import Kernels
 from .curve_problem import CurveProblem, slope_of
 
@@ -177,7 +177,7 @@ class Margins:
 @explain_arguments
 def find_margins(
     orbit: Orbit | Entry,
-    tolerances: Mapping[str, float],
+    tolerances: Mapping[str, float | str],
     model: Model | None = None,
     *,
     within: float = 100.0,
@@ -188,8 +188,9 @@ def find_margins(
     ----------
     orbit : Orbit, Entry or (Branch, row)
         Stable and physical.
-    tolerances : mapping of str to float
-        Of each parameter that may change, the change that is one unit of distance.
+    tolerances : mapping
+        Of each parameter that may change, the change that is one unit of distance: a number, or a
+        part of the value such as ``"5%"``.
     model : Model, optional
         The system of an entry or a branch, where its name does not tell.
     within : float
@@ -213,12 +214,10 @@ def find_margins(
     if not (given.physical and given.stable):
         found = given.reason or f"its multipliers are {given.multipliers}"
         raise InputError("orbit", found, "give a stable physical orbit")
-    if not tolerances or not all(0.0 < value < np.inf for value in tolerances.values()):
-        accepted = "give positive tolerances of parameters, such as {'r': 0.01}"
-        raise InputError("tolerances", short_repr(dict(tolerances)), accepted)
+    sizes = tolerance_sizes(tolerances, given.model)
     if not 0.0 < within < np.inf:
         raise InputError("within", short_repr(within), "give a positive number")
-    return Search(given, dict(tolerances), within).margins()
+    return Search(given, sizes, within).margins()
 
 
 def add_margins(

@@ -536,11 +536,11 @@ def _bounds(
     return found
 
 
-def _tolerances(given: Mapping[str, Any], where: str, here: Any) -> dict[str, Tolerance]:
+def _read_tolerances(given: Mapping[str, Any], where: str, model: Model) -> dict[str, Tolerance]:
     found = {}
     for name, value in given.items():
         place = f"{where}.{name}"
-        here.scene.model.require(name, place)
+        model.require(name, place)
         relative = isinstance(value, str) and value.rstrip().endswith("%")
         size = fit(value.rstrip()[:-1] if relative else value, float, place)
         if not size > 0.0:
@@ -548,6 +548,28 @@ def _tolerances(given: Mapping[str, Any], where: str, here: Any) -> dict[str, To
             raise InputError(place, f"found {short_repr(value)}", accepted)
         found[name] = Tolerance(size / 100.0 if relative else size, relative)
     return found
+
+
+def _tolerances(given: Mapping[str, Any], where: str, here: Any) -> dict[str, Tolerance]:
+    return _read_tolerances(given, where, here.scene.model)
+
+
+def _some_tolerances(given: Mapping[str, Any], where: str, here: Any) -> dict[str, Tolerance]:
+    if not given:
+        raise InputError(where, "empty", 'give some of parameters, such as { s = "5%" }')
+    return _tolerances(given, where, here)
+
+
+def tolerance_sizes(given: Mapping[str, Any], model: Model) -> dict[str, float]:
+    """Return what changes of parameters count as one at a model's values; raise InputError where
+    one is not positive, or there are none."""
+    found = _read_tolerances(given, "tolerances", model)
+    sizes = {name: tolerance.at(model.values[name]) for name, tolerance in found.items()}
+    for name, size in (sizes or {"": 0.0}).items():
+        if not size > 0.0:
+            accepted = "give positive tolerances of parameters, such as {'r': 0.01}"
+            raise InputError("tolerances", f"{name} 0" if name else "{}", accepted)
+    return sizes
 
 
 TOLERANCES: Mapping[str, Any] = {
@@ -563,7 +585,7 @@ TOLERANCES: Mapping[str, Any] = {
 class MarginOptions:
     """How far orbits are from the events that end them, as a column of branches."""
 
-    tolerances: Mapping[str, Tolerance] = key(**TOLERANCES)
+    tolerances: Mapping[str, Tolerance] = key(**{**TOLERANCES, "check": _some_tolerances})
     within: float = key(
         10.0,
         "the distance up to which events are looked for; where there is none, the column says "

@@ -86,6 +86,11 @@ def test_files_hold_them(diagram, tmp_path):
     assert np.isinf(branch["margin"]).any()
 
 
+def test_no_tolerances():
+    with pytest.raises(ci.InputError, match=r"margins\.tolerances: empty"):
+        ci.follow({**SCENE, "margins": {"tolerances": {}}})
+
+
 @pytest.mark.full
 def test_stretches_of_small_margins_are_shaded(diagram):
     """They end where the margin is the one stated, between rows linearly."""

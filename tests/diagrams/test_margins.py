@@ -258,7 +258,10 @@ def test_refusals():
     )
     for wrong, given, said in [
         (orbit, {}, "positive tolerances"),
-        (orbit, {"r": 0.0}, "positive tolerances"),
+        (orbit, {"r": 0.0}, "tolerances.r: found 0.0; give a positive number"),
+        (orbit, {"r": "-1%"}, "tolerances.r: found '-1%'"),
+        (orbit, {"r": math.nan}, "tolerances.r: found nan"),
+        (orbit, {"r": [1]}, "tolerances.r"),
         (orbit, {"q": 0.1}, "has no parameter 'q'"),
         (other, {"r": 0.1}, "stable physical"),
     ]:
@@ -268,6 +271,16 @@ def test_refusals():
         ci.find_margins(orbit, {"r": 0.1}, within=0.0)
     with pytest.raises(ci.InputError, match="has no parameter 'q'"):
         ci.find_margins(orbit, {"s": 0.005}).nearest.sensitivity("q")
+    level = next(o for o in ci.find_orbits(orbit.model.replace(beta=0.0), "1:1") if o.stable)
+    with pytest.raises(ci.InputError, match="beta 0; give positive tolerances"):
+        ci.find_margins(level, {"s": "5%", "beta": "5%"})
+
+
+def test_tolerances_as_parts_of_values():
+    """As in scenes."""
+    orbit = stable("1:1", 0.45)
+    one, other = (ci.find_margins(orbit, {"s": given}).nearest for given in ("2%", 0.009))
+    assert one.distance == pytest.approx(other.distance, rel=1e-12)
 
 
 @pytest.mark.full
