@@ -85,6 +85,18 @@ def scene(**outputs):
     }
 
 
+def test_voltages_of_outputs_are_not_left_out():
+    """With membranes that are stated, and with those of the paper."""
+    pair = {"system": "impact-pair", "parameters": {"s": 0.5, "A": 5, "beta": 0.5, "r": 0.3}}
+    follow = {"parameter": "s", "range": [0.4, 0.6], "orbits": ["1:1"]}
+    given = {"name": "voltages", "model": pair, "follow": follow, "plot": {"formats": []}}
+    for energy in ({}, {"energy": {}}):
+        for text, said in (("U**2", False), ("v**2", True)):
+            asked = {**given, **energy, "output": {"P": {"before_impacts": text}}}
+            left = read_scene(asked).left_out()
+            assert any(line.startswith("energy") for line in left) is said
+
+
 @pytest.mark.full
 def test_columns_of_branches(tmp_path):
     given = scene(P="c*v**2", work="a*cos(omega*t)*v", hit={"before_impacts": "v**2"})

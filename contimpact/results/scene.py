@@ -31,9 +31,10 @@ from ..bifurcations.declarations import (
 from ..continuation.settings import Settings
 from ..display import ParameterItems
 from ..errors import InputError, each_once, explain_arguments, short_repr
+from ..models.expressions import names_in
 from ..models.guards import graph
 from ..models.model import Model
-from ..models.outputs import Output, check_output
+from ..models.outputs import VOLTAGE, Output, check_output
 from ..models.word import Word, parse_word
 from ..schema import Key, Table, fit, key, read, written
 from ..storage.files import check_length, read_bounded, reason
@@ -626,7 +627,11 @@ class Scene(ParameterItems):
             words.append("second derivatives: no event needs them, not generated")
         if self.curves is None:
             words.append("curves: no [curves]")
+        with_voltages = [o for o in self.outputs if o.harvester is not None]
+        uses_voltages = any(VOLTAGE in names_in(o.expression) for o in with_voltages)
         for what, table in (("simulation", "simulate"), ("energy", "energy")):
+            if table == "energy" and uses_voltages:
+                continue
             if getattr(self, table) is None:
                 words.append(f"{what}: no [{table}]")
             elif not simulated:
