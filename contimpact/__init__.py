@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from .diagrams.crisis_curves import follow_crisis as follow_crisis
     from .diagrams.crisis_location import locate_crisis as locate_crisis
     from .diagrams.crisis_location import locate_tangencies as locate_tangencies
+    from .diagrams.crisis_margins import find_crisis_margin as find_crisis_margin
     from .diagrams.curves import follow_curve as follow_curve
     from .diagrams.design import design as design
     from .diagrams.explore import follow as follow

@@ -16,7 +16,7 @@ until it is lost; each event found is kept if the orbit stays observable on the 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -505,13 +505,47 @@ def _minimise(
     system: ExtendedSystem, here: Linearisation, center: Array, units: Array, near: float
 ) -> Solution | None:
     """Return the solution of a system nearest to parameters; None if the search does not settle."""
-    problem = system.problem
+    own, is_near = system.start(here), surroundings(here)
+    found = nearest_point(system.problem, system.assemble, here, own, center, units, near, is_near)
+    return None if found is None else Solution(system, *found)
+
+
+def nearest_point(
+    problem: Any,
+    assemble: Callable[[Any, Array], Any],
+    here: Any,
+    own: Array,
+    center: Array,
+    units: Array,
+    near: float = np.inf,
+    is_near: Callable[[Array], bool] = lambda unknowns: True,
+) -> tuple[Any, Array, Any] | None:
+    """Return where equations hold nearest to parameters: the point, own unknowns, the equations.
+
+    Parameters
+    ----------
+    problem : OrbitProblem or Connection
+        With ``n`` unknowns and then ``free`` parameters.
+    assemble : callable
+        Gives the residual and the Jacobian at a point, such as `here`, and the own unknowns.
+    center, units : ndarray of shape (free,)
+        The parameters, and what changes of them count as one.
+    near : float
+        How far off the equations may be at first, to first order.
+    is_near : callable
+        Whether unknowns are still those that are sought.
+
+    Returns
+    -------
+    tuple or None
+        None if the search does not settle.
+    """
     n, free = problem.n, problem.free
-    own, hessian, is_near = system.start(here), np.eye(free), surroundings(here)
-    sizes = problem.scale(here.unknowns, np.full(free, np.inf))
+    hessian = np.eye(free)
+    sizes = problem.scale(here.unknowns, np.inf)
     before: tuple[Array, Array] | None = None
     mu, settled = 0.0, False
-    at = system.assemble(here, own)
+    at = assemble(here, own)
     for iteration in range(ITERATIONS):
         inner = np.delete(at.jacobian, range(n, n + free), axis=1)
         outer = at.jacobian[:, n : n + free] * units
@@ -533,7 +567,7 @@ def _minimise(
         astray = max(abs(off), float(np.linalg.norm(y - (normal @ y) * normal)))
         if np.max(np.abs(at.residual)) < CONVERGED and astray <= STATIONARY * np.linalg.norm(y):
             if settled:
-                return Solution(system, here, own, at)
+                return here, own, at
             settled = True  # one step more: directions are only as good as they are stationary
         bordered = np.block([[hessian, normal[:, None]], [normal[None], np.zeros((1, 1))]])
         *moved, mu = np.linalg.solve(bordered, -np.append(y, off))
@@ -546,7 +580,7 @@ def _minimise(
             if not is_near(unknowns):
                 return None
             there = problem.evaluate(unknowns)
-            at = system.assemble(there, own + part * along[n:])
+            at = assemble(there, own + part * along[n:])
             if np.max(np.abs(at.residual)) <= allowed:
                 break
             part *= 0.5

@@ -26,6 +26,7 @@ from contimpact.diagrams.crisis_location import (
     locate_tangencies,
     passes_and_returns,
 )
+from contimpact.diagrams.crisis_margins import find_crisis_margin
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.errors import InputError
@@ -42,9 +43,11 @@ from contimpact.simulation.simulator import Simulator
 from contimpact.simulation.sweep import Simulators, same_attractor, sweep
 from contimpact.simulation.transitions import explain_transition, transitions_between
 from contimpact.systems.impact_pair import ImpactPair
+from contimpact.systems.soft_stop import SoftStop
 
 FIG7 = 0.355220528250598985031742370212
 """s of the crisis of Fig. 7."""
+STOP = {"a": 1.0, "omega": 1.3, "c": 0.1, "k": 1.0, "e": 0.5, "k_b": 20.0, "c_b": 0.3}
 AT_R = {0.25: 0.361532047552305157160506350248, 0.35: 0.349262216481894132923365508288}
 
 
@@ -137,6 +140,44 @@ def test_a_curve_in_two_parameters(crisis):
         assert curve.at(r) == pytest.approx([AT_R[r]], abs=1e-12)
     assert curve.at(0.36) == []
     assert "27 points, r from 0.25 to 0.35" in repr(curve)
+
+
+@pytest.mark.full
+def test_margin_of_a_crisis(crisis):
+    """In one parameter it is a difference; in two nothing on the curve is nearer, and its first
+    differences are its slopes."""
+    near = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.3556)
+    alone = find_crisis_margin(crisis, near, {"s": 0.001})
+    assert alone.distance == pytest.approx((0.3556 - FIG7) / 0.001, rel=1e-12)
+    assert alone.direction == {"s": -1.0}
+    model, units = near.replace(s=0.36, r=0.29), {"s": 0.0036, "r": 0.0029}
+    found = find_crisis_margin(crisis, model, {"s": "1%", "r": "1%"})
+    assert found.tolerances == pytest.approx(units)
+    assert found.physical
+    curve = follow_crisis(crisis, "r", (0.28, 0.31))
+
+    def distance(r):
+        return math.hypot((curve.at(r)[0] - 0.36) / 0.0036, (r - 0.29) / 0.0029)
+
+    there = found.parameters["r"]
+    assert distance(there) == pytest.approx(found.distance, rel=1e-11)
+    for r in (there - 1e-4, there + 1e-4, 0.2801, 0.285, 0.295, 0.305):
+        assert distance(r) > found.distance * (1.0 + 1e-5)
+    for name, step in (("A", 1e-4), ("s", 1e-6), ("beta", 1e-5)):
+        low, high = (
+            find_crisis_margin(
+                crisis, model.replace(**{name: model.values[name] + sign * step}), units
+            ).distance
+            for sign in (-1.0, 1.0)
+        )
+        assert found.sensitivity(name) == pytest.approx((high - low) / (2 * step), rel=1e-6)
+
+
+def test_wrong_margins_of_a_crisis(crisis):
+    with pytest.raises(InputError, match="crisis's system, impact-pair"):
+        find_crisis_margin(crisis, SoftStop(**STOP), {"s": 0.1})
+    with pytest.raises(InputError, match="no parameter 'q'"):
+        find_crisis_margin(crisis, crisis.model, {"q": 0.1})
 
 
 @pytest.fixture(scope="module")
