@@ -430,7 +430,8 @@ class Search:
         if system is None:
             return None
         try:
-            solution = _minimise(system, here, self.center, self.units, near)
+            with np.errstate(divide="ignore", invalid="ignore"):  # where a flight vanishes
+                solution = _minimise(system, here, self.center, self.units, near)
         except (ArithmeticError, ValueError, np.linalg.LinAlgError):
             return None
         if solution is None or kind.curve_end(solution.own) is not None:

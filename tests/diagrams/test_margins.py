@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -274,6 +275,18 @@ def test_refusals():
     level = next(o for o in ci.find_orbits(orbit.model.replace(beta=0.0), "1:1") if o.stable)
     with pytest.raises(ci.InputError, match="beta 0; give positive tolerances"):
         ci.find_margins(level, {"s": "5%", "beta": "5%"})
+
+
+@pytest.mark.full
+def test_no_warning_where_a_contact_vanishes():
+    """A search that leads to contacts of zero duration ends without a word."""
+    model = ci.SoftPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.4158, k=500.0)
+    orbit = next(o for o in ci.find_orbits(model, "BbTt", parameter="s") if o.physical)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = ci.find_margins(orbit, {"s": "1%"}, within=30.0)
+    assert found.nearest.label == "PD"
+    assert found.nearest.parameters["s"] == pytest.approx(0.34853, abs=5e-6)
 
 
 def test_tolerances_as_parts_of_values():
