@@ -210,15 +210,35 @@ def margin(study: Study, orbit: str) -> Values:
     """The largest margin of stable orbits of a notation, at most the distance up to which events
     were looked for; of scenes with ``[margins]``, of which tables are kept."""
     asked = read_study(study.given).first.margins
-    if asked is None:
-        return {}
+    return {} if asked is None else _largest(study, orbit, "margin", asked.within)
+
+
+def largest_output(study: Study, orbit: str, name: str) -> Values:
+    """The largest mean of an output along stable orbits of a notation; tables are kept.
+
+    Raises InputError if the study has no such output, or no tables.
+    """
+    file = read_study(study.given)
+    names = [output.name for output in file.first.outputs]
+    if name not in names:
+        accepted = f"it has {', '.join(names)}" if names else "state it in [output]"
+        raise InputError("quantity", f"no output {short_repr(name)} in {study.name}", accepted)
+    if "tables" not in file.keep:
+        found = f"{study.name} keeps {', '.join(file.keep) or 'nothing'}"
+        raise InputError("quantity", found, "add 'tables' to study.keep")
+    return _largest(study, orbit, name)
+
+
+def _largest(study: Study, orbit: str, column: str, most: float = math.inf) -> Values:
+    """The largest value in a column of stable physical orbits of a notation, from kept tables."""
     found: Values = {}
     for row in study.branches(notation=orbit):
         where = f"study {study.name}, scene {row['scene']}, {row['branch']}"
-        values = branch_in(study.table(row["scene"], row["branch"]), where)["margin"]
+        branch = branch_in(study.table(row["scene"], row["branch"]), where)
+        values = branch[column][branch.stable & branch.physical]
         if not np.isnan(values).all():
-            largest = min(float(np.nanmax(values)), asked.within)
-            found[row["scene"]] = max(largest, found.get(row["scene"], 0.0))
+            largest = min(float(np.nanmax(values)), most)
+            found[row["scene"]] = max(largest, found.get(row["scene"], -math.inf))
     return found
 
 
@@ -240,19 +260,24 @@ QUANTITIES: Mapping[str, Quantity] = {
     ),
     "margin": Quantity(margin, "largest margin of stable {orbit} along {parameter}"),
 }
-COUNT = "count:"
+COUNT, OUTPUT = "count:", "output:"
 
 
 def quantity(name: str) -> Quantity:
-    """Return a quantity by its name; ``count:LABEL`` counts events.
+    """Return a quantity by its name; ``count:LABEL`` counts events, ``output:NAME`` is the largest
+    mean of an output.
 
     Raises InputError if there is none of this name.
     """
     if name.startswith(COUNT):
         label = name.removeprefix(COUNT)
         return Quantity(lambda study, orbit: count_events(study, label), f"number of {label}")
+    if name.startswith(OUTPUT):
+        output = name.removeprefix(OUTPUT)
+        text = f"largest {output} of stable {{orbit}} along {{parameter}}"
+        return Quantity(lambda study, orbit: largest_output(study, orbit, output), text)
     if name not in QUANTITIES:
-        accepted = f"accepted are {', '.join(QUANTITIES)} and {COUNT}LABEL"
+        accepted = f"accepted are {', '.join(QUANTITIES)}, {COUNT}LABEL and {OUTPUT}NAME"
         raise InputError("quantity", f"found {short_repr(name)}", accepted)
     return QUANTITIES[name]
 
@@ -747,7 +772,7 @@ def map_of(
     ----------
     name : str
         A quantity: ``ends``, ``mechanism``, ``distance``, ``bistability``, ``energy``, ``bound``,
-        ``margin`` or ``count:LABEL``; see `contimpact.studies.study`.
+        ``margin``, ``count:LABEL`` or ``output:NAME``; see `contimpact.studies.study`.
     axes : (str, str), optional
         The first two of the study by default.
     orbit : str

@@ -173,6 +173,37 @@ def test_the_largest_along_the_orbit_is_a_quantity_of_studies(tmp_path):
 
 
 @pytest.mark.full
+def test_the_largest_mean_of_an_output_is_a_quantity_of_studies(tmp_path):
+    """Before impacts it is the mean of the rows' velocities."""
+    given = {key: table for key, table in SCENE.items() if key not in ("plot", "margins")}
+    given["output"] = {"speed": {"before_impacts": "-sqrt(v**2)"}}
+    given["follow"] = {**SCENE["follow"], "range": [0.25, 0.4], "orbits": ["2:1"]}
+    given["model"] = {"system": "impact-pair", "parameters": {"beta": "pi/6", "s": 0.34}}
+    study = {"keep": ["tables"], "grid": {"r": [0.28, 0.3], "A": [5.0, 5.1]}}
+    for name, kept in (("s", study), ("none", {**study, "keep": []})):
+        with Store(tmp_path / f"{name}.sqlite") as store:
+            run_study(read_study({**given, "study": kept}), store, processes(1))
+    with Study(tmp_path / "s.sqlite") as found:
+        shown = found.map("output:speed", orbit="2:1")
+        assert shown.text == "largest speed of stable 2:1 along s"
+        for scene, value in zip(range(4), shown.values, strict=True):
+            means = [
+                -sum(abs(float(one[f"v{k}"])) for k in (1, 2, 3)) / 3
+                for row in found.branches(scene=scene, notation="2:1")
+                for one in csv.DictReader(found.table(scene, row["branch"]).splitlines()[1:])
+                if (one["n_unstable"], one["physical"]) == ("0", "1")
+            ]
+            assert value == pytest.approx(max(means), rel=1e-12)
+        with pytest.raises(ci.InputError, match="no output 'P' in margins; it has speed"):
+            found.map("output:P")
+    with (
+        Study(tmp_path / "none.sqlite") as found,
+        pytest.raises(ci.InputError, match=r"add 'tables' to study\.keep"),
+    ):
+        found.map("output:speed")
+
+
+@pytest.mark.full
 def test_diagrams_without_margins_have_nothing_to_shade(diagram):
     branch = ci.continue_orbit(diagram.branches[0].orbit(-1), "s", (0.39, 0.4), events=[])
     with pytest.raises(ci.InputError, match="no branch has margins"):
