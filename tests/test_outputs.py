@@ -8,6 +8,8 @@ from scipy.integrate import solve_ivp
 
 import contimpact as ci
 from contimpact.errors import InputError
+from contimpact.models.outputs import Output
+from contimpact.orbits.outputs import quadrature, values_at
 from contimpact.results.quantities import series_of
 from contimpact.results.scene import read_model, read_scene
 
@@ -68,6 +70,23 @@ def test_balance_two_masses():
         work = orbit.mean("F*cos(w*t)*v2").value
         damping = orbit.mean("c*(v2 - v1)**2").value
         assert work == pytest.approx(damping + ci.losses(orbit).per_time, rel=1e-12)
+
+
+def test_balance_of_contacts():
+    """What the shaking and the weight give is what the membranes' dampers take, the only loss."""
+    given = {"r": 0.3, "A": 5.0, "s": 0.39, "k": 500.0, "m": 0.004, "M": 0.1245}
+    pair = ci.SoftPair(beta=np.pi / 6, omega=5 * np.pi, **given)
+    orbit = next(o for o in ci.find_orbits(pair, "BbTt", parameter="s") if o.physical)
+    mass = given["m"] * given["M"] / (given["m"] + given["M"])
+    zeta = -np.log(given["r"]) / np.hypot(np.pi, np.log(given["r"]))
+    damper = 2.0 * zeta * np.sqrt(given["k"] * mass)
+    rate = damper * np.pi / (mass * 5.0 * np.pi)
+    places, weights = quadrature(1)
+    speeds = values_at(orbit.linearisation, [Output("square", "v**2")], orbit.model, places)[0]
+    ends = np.append(orbit.times, orbit.times[0] + orbit.period)
+    in_contact = np.diff(ends)[[0, 2]] @ (speeds[[0, 2]] @ weights)
+    work = orbit.mean("(cos(pi*t) + gbar)*v").value
+    assert work == pytest.approx(rate * in_contact / orbit.period, rel=1e-12)
 
 
 def scene(**outputs):
