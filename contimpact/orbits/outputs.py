@@ -10,7 +10,7 @@ Flights are analytic, so that Gauss-Legendre quadrature on them converges geomet
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -216,7 +216,7 @@ def integrals_of(
 
 
 def _over_contacts(
-    contacts: Sequence[Contact], output: Output, parameters: Mapping[str, float]
+    contacts: Sequence[Contact], output: Output, parameters: dict[str, float]
 ) -> Mean:
     """The mean of an output over contacts; its error is by that of the deflections."""
     chosen = [c for c in contacts if c.wall in output.contacts]
