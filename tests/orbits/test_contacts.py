@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 
 import contimpact as ci
 from contimpact.errors import InputError
+from contimpact.orbits import outputs
 from contimpact.results.scene import read_scene
 
 STOP = {"a": 1.0, "omega": 1.3, "c": 0.1, "k": 1.0, "e": 0.5, "k_b": 20.0, "c_b": 0.3}
@@ -41,6 +42,21 @@ def test_deepest_point(orbit):
     assert contact.restitution == pytest.approx(-back / speed, rel=1e-14)
     assert contact.deflection == pytest.approx(deepest, rel=1e-11)
     assert contact.error < 1e-13
+
+
+@pytest.mark.full
+def test_slow_contacts_beside_fast_ones(monkeypatch):
+    """Their deflections take no more points of the motion."""
+    pair = ci.SoftPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.3088, k=500.0)
+    found = ci.find_orbits(pair, "BbBbTt", parameter="s", starts=128)
+    orbit = min(found, key=lambda o: min(c.speed for c in o.contacts))
+    degrees, depths = [], outputs._depths
+    monkeypatch.setattr(outputs, "_depths", lambda *given: degrees.append(given) or depths(*given))
+    contacts = orbit.contacts
+    assert len(degrees) == 2
+    slow, fast = sorted(c.deflection for c in contacts if c.wall == "B")
+    assert slow < 0.1 * fast
+    assert max(c.error for c in contacts) < 1e-16
 
 
 def test_rigid_walls_have_none():
