@@ -22,11 +22,11 @@ def word(branch):
     return branch.word.replace("b", "").replace("t", "")
 
 
-def lines(ax, x, y, branch, colour):
+def lines(ax, x, y, branch, **how):
     """Stable points solid, unstable ones dashed, unphysical ones left out."""
     physical, stable = branch["physical"] == 1, branch["n_unstable"] == 0
     for style, mask in (("-", physical & stable), ("--", physical & ~stable)):
-        ax.plot(*(np.where(mask, values, np.nan) for values in (x, y)), style, color=colour, lw=1.4)
+        ax.plot(*(np.where(mask, values, np.nan) for values in (x, y)), style, **how)
 
 
 def slowest(branch):
@@ -56,25 +56,27 @@ def diagrams():
 def main():
     figure = Figure(figsize=(10.0, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2)
-    for label, colour, diagram in diagrams():
-        left.plot([], [], color=colour, label=label)
+    for number, (label, colour, diagram) in enumerate(diagrams()):
+        how = {"color": colour, "lw": 0.8 + 0.6 * number}  # the width tells them apart in grey
+        left.plot([], [], **how, label=label)
         chosen = {word(b): b for b in diagram.branches if b.period == 1 and word(b) in PERIOD_ONE}
         for branch in chosen.values():
-            lines(left, branch["s"], slowest(branch), branch, colour)
+            lines(left, branch["s"], slowest(branch), branch, **how)
         born = chosen["BBBT"]
         (grazing,) = [e for e in chosen["BBT"].events if e.kind == "G" and not e.ghost]
         near = grazing.value - 0.0025, grazing.value + 0.001
         seen = born["physical"] & (born["n_unstable"] == 0) & (born["s"] > near[0])
         start = born.orbit(int(np.flatnonzero(seen)[0]))
         fine = ci.continue_orbit(start, "s", range=near, events=["FB", "V"], settings=FINE)
-        lines(right, 1e3 * (fine["s"] - grazing.value), slowest(fine), fine, colour)
+        lines(right, 1e3 * (fine["s"] - grazing.value), slowest(fine), fine, **how)
     left.set(xlim=(0.22, 0.37), ylim=(0.0, 0.15), xlabel="s (m)")
-    left.set(ylabel="slowest impact at the bottom")
+    left.set(ylabel="velocity of the slowest impact at the bottom")
     left.text(0.29, 0.135, "2:1")
     left.text(0.245, 0.03, "3:1")
-    left.legend(fontsize=8, loc="upper left")
+    left.plot([], [], "--", color="0.4", lw=1.4, label="unstable")
+    right.legend(*left.get_legend_handles_labels(), fontsize=8, loc="lower left")
     right.set(xlim=(-1.5, 0.7), ylim=(0.0, 0.018), xlabel="s beyond the grazing of 2:1 (mm)")
-    right.set(ylabel="slowest impact of 3:1")
+    right.set(ylabel="velocity of the slowest impact of 3:1")
     figure.savefig(Path(__file__).with_name("soft-pair.png"), dpi=110, metadata={"Software": None})
 
 
