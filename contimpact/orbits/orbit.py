@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from numbers import Real
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ..arrays import Array
 from ..display import NotebookResult, ParameterItems, Summary, frame, limit_lines
-from ..errors import InputError
+from ..errors import InputError, short_repr
 from ..models.model import Model
 from ..models.outputs import Harvester, Output
 from ..models.word import Word, name_orbit
@@ -390,9 +391,10 @@ def fluctuations_of(here: Linearisation, noise: Mapping[str, float]) -> Fluctuat
     if not (here.verdict.physical and max(abs(here.multipliers), default=0.0) < 1.0):
         found = f"multipliers {here.multipliers}" if here.verdict.physical else "it is unphysical"
         raise InputError("orbit", found, "give a physical orbit with all multipliers below 1")
-    if not noise or not all(0.0 <= deviation < np.inf for deviation in noise.values()):
+    given = noise.values() if isinstance(noise, Mapping) else ()
+    if not given or not all(isinstance(one, Real) and 0.0 <= one < np.inf for one in given):
         accepted = "give standard deviations of parameters, such as {'r': 0.01}"
-        raise InputError("noise", repr(dict(noise)), accepted)
+        raise InputError("noise", short_repr(noise), accepted)
     for name in noise:
         model.require(name, "noise")
     count, m = len(problem.word), problem.m

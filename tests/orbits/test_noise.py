@@ -124,6 +124,8 @@ def test_refusals():
     for wrong, noise, said in [
         (orbit, {}, "standard deviations"),
         (orbit, {"r": -1.0}, "standard deviations"),
+        (orbit, {"r": "1%"}, "standard deviations"),
+        (orbit, 0.1, "noise: 0.1; give standard deviations"),
         (orbit, {"q": 0.1}, "has no parameter 'q'"),
         (other, {"r": 0.1}, "physical|multipliers"),
     ]:
