@@ -8,7 +8,7 @@ manifold of the unstable orbit.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain, product
@@ -72,6 +72,9 @@ CLOSE = 0.05
 LEAVING, STARTS, RETURN, RETURNS = 1e-4, 64, 200, 8
 """How far beside an orbit motions start on a side of it, from all along its unstable manifold, how
 many and for how many impacts, and paths taken from them."""
+SHORTEST, JOINED, BEGUN = 4, 0.25, 2
+"""Impacts at most of the orbits after which a path's last impacts are tried, how near to the path
+they are, in periods and in its largest velocity, and simulated paths begun with."""
 REFINED = 4
 """Orbits left, of each of which the nearest path is lengthened: how near it is is known then."""
 SAME_FLIGHT = 1e-6
@@ -86,7 +89,8 @@ class Crisis:
     parameter: str
     value: float
     error: float
-    """Bound of the value's error: rounding, and what longer paths change."""
+    """Bound of the error of the tangency's value: rounding, and what longer paths change. Without a
+    grazing, a rarer path may end the attractor before."""
     attractor: str
     """Notation of the motion that ends."""
     type: str | None
@@ -247,20 +251,29 @@ def approach_crisis(
 ) -> Crisis | NoCrisis:
     """Locate a crisis again and again, nearer by, until nothing touches before it."""
     best: tuple[Connected, float] | None = None
-    begun = orbit.value
+    begun, first, outermost = orbit.value, (orbit, attractor), not smooth
     for _ in range(TRIALS):
         nearest = _nearest(orbit, attractor, impacts, smooth)
-        if nearest is None:
-            break
-        ahead = abs(float(nearest[0].unknowns[-1]) - orbit.value)
         if best is not None:
             path, error = best
             value = float(path.unknowns[-1])
             left = (value - orbit.value) * np.sign(value - begun)
-            if 0.0 < left <= ahead + 2.0 * error and left <= NEAR * abs(value - begun):
+            ahead = abs(float(nearest[0].unknowns[-1]) - orbit.value) if nearest else np.inf
+            near = 0.0 < left <= ahead + 2.0 * error and left <= NEAR * abs(value - begun)
+            if not outermost and (near or nearest is None):
+                outermost = True
+                before = _touching_before(best, *first, impacts)
+                if before is not None:
+                    best, orbit, attractor = before
+                    nearest, near = best, False
+                elif near and nearest is not None:
+                    return _crisis(orbit, attractor, path, error, 2.0 * value - begun)
+            elif near:
                 return _crisis(orbit, attractor, path, error, 2.0 * value - begun)
-            if not 0.0 < left <= ahead:
+            elif not 0.0 < left <= ahead:
                 best = None
+        if nearest is None:
+            break
         best = best or nearest
         nearer = _nearer(orbit, attractor, float(best[0].unknowns[-1]))
         if nearer is None:
@@ -438,8 +451,102 @@ def _nearest(
     return min(found.values(), key=lambda f: abs(f[0].unknowns[-1] - orbit.value), default=None)
 
 
-def _nearer(orbit: Orbit, attractor: Attractor, value: float) -> tuple[Orbit, Attractor] | None:
-    """The orbit and the attractor nearer to a crisis; None if the attractor is not seen there."""
+def _touching_before(
+    best: tuple[Connected, float], orbit: Orbit, attractor: Attractor, impacts: int
+) -> tuple[tuple[Connected, float], Orbit, Attractor] | None:
+    """A connection that is met before another one, and the orbit and the attractor where this has
+    been seen to last; None if there is none.
+
+    It has the last impacts of the other one, or of the nearest arrivals at the orbit among ten
+    times as many impacts, after laps of orbits that the motion has followed.
+    """
+    value = float(best[0].unknowns[-1])
+    lasting = _nearer(orbit, attractor, value, RUNS * RETURNING)
+    orbit, attractor = lasting or (orbit, attractor)
+    assert attractor.state is not None
+    simulator = Simulator(orbit.model, orbit.problem.kernels)
+    run = simulator.run(attractor.state, impacts=RUNS * impacts)
+    entries = _entries(run, orbit)
+    sides, followed = _sides_of(entries), _followed(run)
+
+    def ahead(path: Connected) -> float:
+        return (float(path.unknowns[-1]) - orbit.value) * float(np.sign(value - orbit.value))
+
+    def before(paths: Iterable[Connected], most: float) -> list[Connected]:
+        met = [path for path in paths if 0.0 < ahead(path) < most and is_physical(path)]
+        met = [path for path in met if _side_left(path, orbit) in {None, *sides}]
+        return sorted(met, key=ahead)
+
+    arriving = _guesses(simulator, orbit, orbit, run, entries, _touching)
+    tried = set[tuple[str, int | None]]()
+    starts = [best[0], *before(_solutions(orbit, arriving, tried), np.inf)[:BEGUN]]
+    found = best
+    while starts:
+        guesses = [g for s in starts for g in _beginning_otherwise(s, followed, run.period)]
+        others = _solutions(orbit, guesses, tried, len(tried) + len(guesses))
+        nearer = before([*starts, *others], ahead(found[0]))
+        starts = []
+        for path in nearer[:REFINED]:
+            longer = refined(path)
+            if longer is None or not is_physical(longer[0]):
+                continue
+            if ahead(longer[0]) < ahead(found[0]) - longer[1] - found[1]:
+                found, starts = longer, [longer[0]]
+                break
+    return None if found is best else (found, orbit, attractor)
+
+
+def _followed(run: Run) -> list[tuple[Array, Word]]:
+    """A lap of each of the shortest orbits that a run has followed, and their words."""
+    text, found = run.word, dict[str, tuple[Array, Word]]()
+    rows = np.column_stack([run.times, run.velocities])
+    fastest = float(np.max(np.abs(run.velocities)))
+    for lap in range(1, SHORTEST + 1):
+        turns = (run.times[lap:] - run.times[:-lap]) / run.period
+        apart = np.abs(turns - np.round(turns))
+        apart += np.abs(run.velocities[lap:] - run.velocities[:-lap]) / fastest
+        for row in np.argsort(apart).tolist():
+            if apart[row] > CLOSE:
+                break
+            word = text[row : row + lap]
+            name = min(word[k:] + word[:k] for k in range(lap))
+            repeated = any(word == word[:m] * (lap // m) for m in range(1, lap))
+            if name not in found and not repeated and text[row + lap] == word[0]:
+                found[name] = rows[row : row + lap], Word(word, max(round(float(turns[row])), 1))
+    return list(found.values())
+
+
+def _beginning_otherwise(
+    path: Connected, followed: Sequence[tuple[Array, Word]], period: float
+) -> Iterator[Guess]:
+    """Return paths with as few as one of the last impacts of another one, after laps of orbits that
+    are near to its impacts there."""
+    walls, rows, after = path.problem.walls, path.impacts, path.problem.after.walls
+    arrival = len(walls)
+    while walls[:arrival].endswith(after):
+        arrival -= len(after)
+    fastest = float(np.max(np.abs(rows[:, 1])))
+    for (lap, word), place in product(followed, range(max(arrival - DEPTH, 1), arrival)):
+        turns = (rows[place, 0] - lap[:, 0]) / period
+        apart = np.abs(turns - np.round(turns)) + np.abs(rows[place, 1] - lap[:, 1]) / fastest
+        apart[[wall != walls[place] for wall in word.walls]] = np.inf
+        first = int(np.argmin(apart))
+        if apart[first] < JOINED:
+            shift = np.array([word.period * period, 0.0])
+            begun = np.vstack([lap[first:], lap[:first] + shift])
+            begun[:, 0] += period * np.round(turns[first])
+            laps = [begun - number * shift for number in range(LAPS, 0, -1)]
+            own = Word(word.walls[first:] + word.walls[:first], word.period)
+            if own.walls * LAPS + walls[place:] in after * len(walls):
+                continue
+            yield own.walls * LAPS + walls[place:], None, np.vstack([*laps, rows[place:]]), own
+
+
+def _nearer(
+    orbit: Orbit, attractor: Attractor, value: float, lasting: int = 0
+) -> tuple[Orbit, Attractor] | None:
+    """The orbit and the attractor nearer to a crisis; None if the attractor is not seen there, for
+    as many impacts."""
     for part in NEARER:
         near = value + part * (orbit.value - value)
         here = solve_near(orbit.problem, np.append(orbit.unknowns[:-1], near))
@@ -447,11 +554,11 @@ def _nearer(orbit: Orbit, attractor: Attractor, value: float) -> tuple[Orbit, At
             continue
         there = Orbit(orbit.problem, here)
         simulator = Simulator(there.model, orbit.problem.kernels)
-        found = settle(simulator, attractor.state, PATIENT)
-        if found.kind is Kind.COMPLEX:
+        found: Attractor | None = settle(simulator, attractor.state, PATIENT)
+        if found is not None and found.kind is not Kind.COMPLEX:
+            found = _beside(simulator, there, PATIENT)
+        if found is not None and (not lasting or _lasts(there, found, lasting)):
             return there, found
-        if (beside := _beside(simulator, there, PATIENT)) is not None:
-            return there, beside
     return None
 
 
@@ -478,11 +585,11 @@ Guess = tuple[str, int | None, Array, Word]
 
 
 def _solutions(
-    orbit: Orbit, guesses: Iterable[Guess], tried: set[tuple[str, int | None]]
+    orbit: Orbit, guesses: Iterable[Guess], tried: set[tuple[str, int | None]], most: int = PATHS
 ) -> Iterator[Connected]:
     """Solve for the connections to an orbit that guesses are close to, of each kind once."""
     for walls, grazing, impacts, before in guesses:
-        if len(tried) >= PATHS:
+        if len(tried) >= most:
             break
         if (walls, grazing) in tried:
             continue
@@ -566,16 +673,14 @@ def _entries(run: Run, orbit: Orbit, first: int = BEFORE) -> dict[int, float]:
     The distance is that from the manifold's tangent, taken a lap later where the run follows the
     orbit for so long: there the motion is nearer to the orbit by its small multiplier.
     """
-    word, period, lap, text = orbit.word.walls, run.period, len(orbit.word), run.word
+    word, lap, text = orbit.word.walls, len(orbit.word), run.word
     factor, _, left = unstable_direction(orbit.linearisation)
     for laps in (2, 1):
         rows = [i for i in range(len(text)) if text.startswith(word * laps, i)]
         if len(rows) < ARRIVALS and laps > 1:
             continue
         at = np.array(rows, dtype=int) + (laps - 1) * lap
-        apart = run.phases[at] - orbit.times[0]
-        apart -= period * np.round(apart / period)
-        away = left[0] * apart + left[1] * (run.velocities[at] - orbit.velocities[0])
+        away = _away(orbit, left, run.phases[at], run.velocities[at])
         known = dict(zip(rows, (away / factor ** (laps - 1)).tolist(), strict=True))
         break
     entries = [
@@ -587,6 +692,34 @@ def _entries(run: Run, orbit: Orbit, first: int = BEFORE) -> dict[int, float]:
     ]
     nearest = sorted(entries, key=lambda row: abs(known[row]))[:ENTRIES]
     return {row: known[row] for row in nearest}
+
+
+def _away(orbit: Orbit, left: Array, times: Any, velocities: Any) -> Any:
+    """How far impacts are from the tangent of an orbit's stable manifold at its first impact."""
+    period = orbit.problem.period(orbit.unknowns)
+    apart = times - orbit.times[0]
+    apart -= period * np.round(apart / period)
+    return left[0] * apart + left[1] * (velocities - orbit.velocities[0])
+
+
+def _side_left(path: Connected, orbit: Orbit) -> float | None:
+    """The side of its stable manifold to which a path leaves an orbit, as a sign; None if it leaves
+    another orbit."""
+    before = path.problem.before.walls
+    here = _end_of(path, orbit, 0)
+    if here is None:
+        return None
+    laps = 0
+    while path.problem.walls.startswith(before, (laps + 1) * len(before)):
+        laps += 1
+    _, _, left = unstable_direction(here.linearisation)
+    rows = path.impacts[(laps - 1) * len(before) : laps * len(before)]
+    forcing = orbit.problem.period(orbit.unknowns)
+    turns = (rows[:, 0] - here.times[0]) / forcing
+    apart = np.abs(turns - np.round(turns))
+    apart[[wall != here.word.walls[0] for wall in before]] = np.inf
+    time, velocity = rows[int(np.argmin(apart))]
+    return float(np.sign(_away(here, left, time, velocity)))
 
 
 def _sides_of(entries: dict[int, float]) -> set[float]:

@@ -505,6 +505,27 @@ def test_a_tangency_at_which_no_attractor_changes_is_refused():
     assert "at 0.145283921176635, no attractor changes: motion beyond passes" in found.reason
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("beta", "r", "start", "lasts", "left"),
+    [
+        (math.pi / 6, 0.55, 7.8304695712, 7.83146956969, 7.83146957894),
+        (math.pi / 3, 0.6, 7.4864875, 7.48748749, 7.4874875),
+    ],
+)
+def test_the_nearest_of_many_tangencies_is_the_crisis(beta, r, start, lasts, left):
+    """Simulated by a C program of its own, complex motion lasted 1.2e7 and 4.8e7 impacts at one
+    value, and at the other one left after 5e6 and 8e6."""
+    model = ImpactPair(beta=beta, r=r, A=start, s=0.5)
+    orbits = find_orbits(model, "2:1", parameter="A")
+    orbit = next(o for o in orbits if o.physical and o.multipliers[0].real > 1.0)
+    found = locate_crisis(orbit, Simulator(model).state("B", 0.3, 0.5))
+    assert isinstance(found, Crisis)
+    assert (found.type, found.after, found.grazing) == ("boundary", "2:1", None)
+    assert lasts < found.value < left
+    assert found.seen < found.value
+
+
 def assert_two_connections_meet(crisis):
     """By the flights written out: the path's equations have a kernel, so that to second order two
     solutions leave the crisis to one side of s alone."""
