@@ -22,8 +22,8 @@ COARSE = Settings(max_points=150)
 FINER = 20
 WORDS = ("1:1", "2:1", "1:1/2T", "2:2", "3:1", "1:0", "1:2/2T", "BTBT", "B/2T", "3:2")
 FEW = (2, 15, 40, 62, 71, 94, 111, 119, 1027, 1103)
-"""Seeds run without the marker `slow`; 15 has two grazings within one step, in 1027 a gap jumps from
-nearly nothing, and in 1103 a velocity of rounding's size is an impact at rest."""
+"""Seeds run without the marker `slow`; 15 has two grazings within one step, in 1027 a gap jumps
+from nearly nothing, and in 1103 a velocity of rounding's size is an impact at rest."""
 
 
 def random_pair(rng):
