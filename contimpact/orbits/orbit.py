@@ -16,7 +16,7 @@ from ..models.model import Model
 from ..models.outputs import Harvester, Output
 from ..models.word import Word, name_orbit
 from ..segments.kernels import Kernels
-from .outputs import Contact, Mean, contacts_of, mean_output, rates_of
+from .outputs import Contact, Mean, contacts_of, mean_output, output_along, rates_of
 from .problem import Linearisation, OrbitProblem, Path, motion_of, path_of
 from .quiet import problem_of
 
@@ -173,6 +173,23 @@ class Orbit(ParameterItems, NotebookResult):
             without impacts begins at t = 0.
         """
         return motion_of(self.linearisation, points)
+
+    def evaluate(self, expression: str, points: int = 200) -> Array:
+        """Return an expression at each time of `motion`, shape (times,).
+
+        Parameters
+        ----------
+        expression : str
+            In the names that ``[output]`` of a scene admits.
+        points : int
+            On each flight.
+
+        Raises
+        ------
+        InputError
+            For anything else in the expression.
+        """
+        return output_along(self.linearisation, self.model, Output("output", expression), points)
 
     @property
     def contacts(self) -> list[Contact]:

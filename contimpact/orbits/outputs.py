@@ -238,6 +238,12 @@ def mean_output(here: Linearisation, model: Model, output: Output) -> Mean:
     return means_of(here, [output], model)[0]
 
 
+def output_along(here: Linearisation, model: Model, output: Output, points: int) -> Array:
+    """Return an output at each time of an orbit's motion; see `Orbit.evaluate`."""
+    check_output(output, model, "expression")
+    return values_at(here, [output], model, np.linspace(0.0, 1.0, points))[0].ravel()
+
+
 def rates_of(here: Linearisation) -> Array:
     """Return the derivatives of an orbit's unknowns by its free parameters, shape (n, free).
 

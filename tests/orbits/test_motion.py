@@ -9,6 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from contimpact import find_orbits
+from contimpact.errors import InputError
 from contimpact.systems.impact_damper import ImpactDamper
 from contimpact.systems.soft_stop import SoftStop
 from contimpact.systems.two_masses import TwoMasses
@@ -70,3 +71,16 @@ def test_it_agrees_with_the_path_of_the_gap_coordinate():
     assert np.array_equal(motion.t, path.t)
     assert motion.x[:, 0] == pytest.approx(path.x, abs=1e-13)
     assert motion.v[:, 0] == pytest.approx(path.v, abs=1e-13)
+
+
+@pytest.mark.parametrize("word", ["A", "0"])
+def test_an_expression_is_evaluated_along_the_motion(word):
+    orbit = find_orbits(TwoMasses(**TWO, sigma_1=1.0, sigma_2=1.0), word, parameter="omega")[0]
+    path = orbit.motion(4001)
+    power = orbit.evaluate("c2*(v2 - v1)**2 + t", 4001)
+    expected = TWO["c2"] * (path.v[:, 1] - path.v[:, 0]) ** 2 + path.t
+    np.testing.assert_allclose(power, expected, rtol=1e-14)
+    mean = np.trapezoid(power - path.t, path.t) / (path.t[-1] - path.t[0])
+    assert orbit.mean("c2*(v2 - v1)**2").value == pytest.approx(mean, rel=1e-5)
+    with pytest.raises(InputError, match="expression"):
+        orbit.evaluate("v3**2")
