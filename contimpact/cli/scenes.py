@@ -67,7 +67,7 @@ def _deviation(text: str) -> tuple[str, float]:
     except ValueError:
         number = math.nan
     if name not in ("time", "velocity") or not 0.0 < number < math.inf:
-        raise InputError("--deviation", repr(text), "give time=NUMBER or velocity=NUMBER")
+        raise InputError("--deviation", repr(text), "give time=NUMBER or velocity=NUMBER, above 0")
     return name, number
 
 

@@ -179,7 +179,7 @@ def plot_diagram(
     if ax.get_yscale() == "linear":  # narrow numbers: the room is fixed
         ax.ticklabel_format(axis="y", scilimits=(-2, 4), useMathText=True)
     ax.yaxis.get_offset_text().set_horizontalalignment("right")
-    styles = [style for _, style, *_ in pieces]
+    styles = [style for _, style, _, values, _ in pieces if np.sum(np.isfinite(values)) > 1]
     handles = legend_handles(colours, styles, drawn, left_out)
     if shaded:
         handles.append(legend_mark(**BAND, label=f"margin below {margin:g}"))

@@ -105,6 +105,9 @@ def test_stretches_of_small_margins_are_shaded(diagram):
     assert beside[0] == pytest.approx(fold.value / 1.02, abs=2e-4)
     texts = [text.get_text() for text in ax.get_legend().get_texts()]
     assert "margin below 1" in texts
+    assert "unstable" in texts
+    along = ci.plot_diagram(diagram, y="margin").get_legend().get_texts()  # of stable orbits alone
+    assert "unstable" not in [text.get_text() for text in along]
     assert not [line for line in ci.plot_diagram(diagram).lines if line.get_linewidth() == 8.0]
 
 
