@@ -82,6 +82,9 @@ SAME_FLIGHT = 1e-6
 rounding."""
 
 
+NEAREST_FOUND = "the nearest tangency found; a rarer one may end the motion before"
+
+
 @dataclass(frozen=True, eq=False)
 class Crisis:
     """A crisis: where a chaotic attractor touches the stable manifold of an unstable orbit."""
@@ -176,7 +179,8 @@ class Crisis:
     def __str__(self) -> str:
         kind = f", {self.type}" if self.type else ""
         place = f"{self.parameter} = {self.value:.15g} (+- {self.error:.1g})"
-        return f"{self.label} at {place}{kind}; beyond: {self.after}"
+        text = f"{self.label} at {place}{kind}; beyond: {self.after}"
+        return text if self.grazing is not None else f"{text}; {NEAREST_FOUND}"
 
 
 @dataclass(frozen=True)

@@ -99,9 +99,12 @@ class CrisisEnd:
     """``boundary``, ``interior`` or ``merging``; None if the motion beyond has not settled."""
     after: str
     """What the motion settles on beyond."""
+    grazing: bool
+    """Whether the attractor touches with the image of a grazing. Otherwise the value is that of the
+    nearest tangency found: a rarer one may end the motion before."""
 
     def __str__(self) -> str:
-        place = f"{self.parameter} = {self.value:.9g}"
+        place = f"{self.parameter} = {self.value:.9g}{'' if self.grazing else ' at the latest'}"
         if self.type is None:
             what = (
                 f"the chaos {self.attractor} meets the unstable {self.orbit} at {place} in a crisis"
@@ -263,6 +266,7 @@ def read(diagram: DiagramSurvey) -> Reading:
         CrisisEnd(
             *(e.id, e.parameter, e.value, str(e.crisis.get("attractor")), e.notation),
             *(e.crisis.get("type"), str(e.crisis.get("after"))),
+            e.crisis.get("grazing") is not None,
         )
         for e in diagram.entries
         if e.crisis is not None

@@ -336,6 +336,12 @@ def test_a_scene_needs_branches():
 @pytest.mark.slow
 def test_a_tangency_without_a_grazing_is_the_crisis(interior):
     """From the orbit's manifold alone, without an attractor."""
+    assert str(interior).endswith("a rarer one may end the motion before")
+    diagram = Diagram(
+        "one", [continue_orbit(interior.orbit, range=(0.349, 0.35), events=(), name="b1")]
+    )
+    text = str(add_crises(diagram, [replace(interior, branch="b1")]).reading)
+    assert "widens at s = 0.3497355 at the latest in an interior crisis" in text
     near = locate_tangencies(at(interior.orbit, interior.value + 1e-5), starts=32)
     assert min(abs(t.value - interior.value) for t in near) <= 1e-12
 
@@ -373,6 +379,7 @@ def test_the_type_of_a_crisis_in_words(crisis, kind):
         None: "in a crisis (e1), of a type that simulation does not show",
     }
     assert said[kind] in text
+    assert "at the latest" not in text
 
 
 @pytest.mark.slow
