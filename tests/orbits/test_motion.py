@@ -74,6 +74,7 @@ def test_it_agrees_with_the_path_of_the_gap_coordinate():
 
 
 @pytest.mark.parametrize("word", ["A", "0"])
+@pytest.mark.quick(1)
 def test_an_expression_is_evaluated_along_the_motion(word):
     orbit = find_orbits(TwoMasses(**TWO, sigma_1=1.0, sigma_2=1.0), word, parameter="omega")[0]
     path = orbit.motion(4001)

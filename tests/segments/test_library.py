@@ -333,7 +333,7 @@ def copied(plain_and_compiled, cache, tmp_path, monkeypatch):
     problem = problem_of()
     plain_and_compiled(lambda: backend_of(problem, ()).compiled())
     folder = tmp_path / "cache"
-    shutil.copytree(cache, folder)
+    shutil.copytree(cache, folder, ignore=shutil.ignore_patterns("*.tmp"))  # others write to it
     monkeypatch.setenv("CONTIMPACT_CACHE", str(folder))
     monkeypatch.setattr(module, "_LOADED", {})
     monkeypatch.setattr(module, "_MISSING", set())
