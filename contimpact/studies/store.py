@@ -12,6 +12,7 @@ import hashlib
 import json
 import re
 import sqlite3
+import time
 import urllib.parse
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -497,7 +498,7 @@ def _check_owner(connection: sqlite3.Connection, path: Path) -> None:
 
 def _migrate(connection: sqlite3.Connection) -> None:
     """Take the steps of the schema that a store lacks."""
-    connection.execute("PRAGMA journal_mode = WAL")
+    _log_ahead(connection)
     connection.execute("PRAGMA synchronous = NORMAL")
     while (done := schema_version(connection)) < len(STEPS):
         script = f"BEGIN IMMEDIATE; {STEPS[done]} PRAGMA user_version = {done + 1};"
@@ -509,6 +510,19 @@ def _migrate(connection: sqlite3.Connection) -> None:
                 connection.execute("ROLLBACK")
             if schema_version(connection) == done:  # nobody else has taken the step meanwhile
                 raise
+
+
+def _log_ahead(connection: sqlite3.Connection) -> None:
+    """Keep a write-ahead log. Where several turn to it at once, SQLite refuses without waiting."""
+    end = time.monotonic() + PATIENCE
+    while True:
+        try:
+            connection.execute("PRAGMA journal_mode = WAL")
+            return
+        except sqlite3.OperationalError as error:
+            if error.sqlite_errorname != "SQLITE_BUSY" or time.monotonic() > end:
+                raise
+        time.sleep(0.01)
 
 
 def schema_version(connection: sqlite3.Connection) -> int:
