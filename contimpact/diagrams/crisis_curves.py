@@ -15,7 +15,8 @@ from ..continuation.walk import walk
 from ..errors import explain_arguments
 from ..results.options import CURVE_SETTINGS
 from ..segments.kernels import Kernels
-from .crisis_location import Crisis, is_physical
+from .connection_paths import is_physical
+from .crisis_location import Crisis
 
 
 @dataclass(frozen=True, eq=False)

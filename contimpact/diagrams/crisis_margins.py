@@ -12,7 +12,8 @@ from ..errors import InputError, explain_arguments
 from ..models.model import Model
 from ..results.options import tolerance_sizes
 from ..segments.kernels import Kernels
-from .crisis_location import Crisis, is_physical
+from .connection_paths import is_physical
+from .crisis_location import Crisis
 from .margins import nearest_point
 
 
