@@ -85,8 +85,8 @@ def check(seed):
     run = followed(orbit, limits, COARSE)
     reference = Reference(orbit.problem)
     for event in run.events:
-        at = event.point.parameter
-        if event.error > 1e-10 and min(abs(at - end) for end in limits) < event.error:
+        names, at = orbit.problem.kernels.parameters, event.point.parameter
+        if names == ("r",) and 1e-10 < event.error < 1e-7 and abs(at) < event.error:
             continue  # at r = 0 several impacts come together: no exact system is regular there
         exact = reference.event(event.kind, event.point.unknowns, event.details)
         assert exact is not None, event
