@@ -36,18 +36,12 @@ def _run(options: argparse.Namespace) -> int:
     if options.output is None:
         raise InputError("-o", "missing", "give the folder to write to")
     from ..certificates.certify import enclosing_kernels
-    from . import run
+    from . import parser, run
 
     scene = load_scene(options.target)
     enclosing_kernels(Kernels(scene.model, scene.parameter))  # refused before anything is run
-    given = argparse.Namespace(
-        scenes=[options.target],
-        output=options.output,
-        quiet=options.quiet,
-        no_plot=options.no_plot,
-        html=False,
-        system=[],
-    )
+    flags = [*(["-q"] if options.quiet else []), *(["--no-plot"] if options.no_plot else [])]
+    given = parser().parse_args(["run", *flags, f"-o{options.output}", "--", options.target])
     return run.command(given)
 
 

@@ -457,6 +457,23 @@ def test_what_has_no_enclosures_is_refused_at_once():
         certify(branch)
 
 
+def test_a_scene_is_run_and_certified(tmp_path, capsys):
+    """As contimpact run would print it, and then its proofs."""
+    text = (ROOT / "branches" / "fig7" / "scene.toml").read_text("utf-8")
+    parameters = text[text.index("[model]") : text.index("[follow]")].replace("0.34", "0.39")
+    follow = 'parameter = "s"\nrange = [0.37, 0.41]\norbits = ["1:1"]\n'
+    (tmp_path / "pd.toml").write_text(f'name = "pd"\n{parameters}[follow]\n{follow}')
+    given = ["certify", str(tmp_path / "pd.toml"), "-o", str(tmp_path / "out"), "--no-plot"]
+    assert main(given) == 0
+    said = capsys.readouterr().out
+    assert "0.383143488 to 0.41" in said
+    assert "1 of 1 entries certified" in said
+    assert "b1 BT/1T: complete" in said
+    assert not (tmp_path / "out" / "diagram.png").exists()
+    assert main([*given, "-q"]) == 0
+    assert capsys.readouterr().out == ""
+
+
 @pytest.mark.parametrize("name", ["pendulum", "duffing"])
 def test_integrated_flights_are_refused_before_anything_is_run(name, tmp_path, capsys):
     """With the package that integrates, and without."""
