@@ -3,7 +3,7 @@
     python docs/figures/ends.py
 
 Writes ``ends.csv.xz`` beside this file, and prints how many ends there are of each kind; takes
-about ten minutes of two processors. Ends that nothing explains have what was tried as their text.
+about twenty minutes of two processors. Ends that nothing explains have what was tried as their text.
 """
 
 import csv
