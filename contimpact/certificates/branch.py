@@ -402,14 +402,18 @@ def entry_place(tube: Tube, one: CertifiedEntry) -> tuple[float, float] | None:
     left, right = -1.0, 1.0
     if not (ahead(arb(left)) > 0 and ahead(arb(right)) < 0):
         return None
-    for _ in range(40):
+    for _ in range(48):
         middle = 0.5 * (left + right)
         if float(ahead(arb(middle)).mid()) > 0.0:
             left = middle
         else:
             right = middle
-    left, right = max(left - 1e-9, -1.0), min(right + 1e-9, 1.0)
-    if not (ahead(arb(left)) > 0 and ahead(arb(right)) < 0):
+    at = left, right
+    for width in (1e-13, 1e-11, 1e-9):  # a wider piece of the branch leaves a narrow box
+        left, right = max(at[0] - width, -1.0), min(at[1] + width, 1.0)
+        if ahead(arb(left)) > 0 and ahead(arb(right)) < 0:
+            break
+    else:
         return None
     spread = segment.at(arb(left).union(arb(right)))
     beside = (abs(x - p) < float(h) for x, p, h in zip(z, spread, tube.box, strict=True))

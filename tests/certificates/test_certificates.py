@@ -461,12 +461,12 @@ def test_a_scene_is_run_and_certified(tmp_path, capsys):
     """As contimpact run would print it, and then its proofs."""
     text = (ROOT / "branches" / "fig7" / "scene.toml").read_text("utf-8")
     parameters = text[text.index("[model]") : text.index("[follow]")].replace("0.34", "0.39")
-    follow = 'parameter = "s"\nrange = [0.37, 0.41]\norbits = ["1:1"]\n'
+    follow = 'parameter = "s"\nrange = [0.38, 0.4]\norbits = ["1:1"]\n'
     (tmp_path / "pd.toml").write_text(f'name = "pd"\n{parameters}[follow]\n{follow}')
     given = ["certify", str(tmp_path / "pd.toml"), "-o", str(tmp_path / "out"), "--no-plot"]
     assert main(given) == 0
     said = capsys.readouterr().out
-    assert "0.383143488 to 0.41" in said
+    assert "0.383143488 to 0.4 " in said
     assert "1 of 1 entries certified" in said
     assert "b1 BT/1T: complete" in said
     assert not (tmp_path / "out" / "diagram.png").exists()
