@@ -3,7 +3,7 @@
     python docs/figures/ends.py
 
 Writes ``ends.csv.xz`` beside this file, and prints how many ends there are of each kind; takes
-about twenty minutes of two processors. Ends that nothing explains have what was tried as their text.
+about twenty minutes of two processors. The text of an end that nothing explains is what was tried.
 """
 
 import csv
