@@ -27,7 +27,7 @@ exclude_patterns = ["_build", "**/.ipynb_checkpoints"]
 
 nb_execution_mode = "force"
 nb_execution_raise_on_error = True
-nb_execution_timeout = 120
+nb_execution_timeout = 600
 nb_execution_in_temp = True
 
 autodoc_member_order = "bysource"
