@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from .diagrams.crisis_location import locate_tangencies as locate_tangencies
     from .diagrams.crisis_margins import find_crisis_margin as find_crisis_margin
     from .diagrams.curves import follow_curve as follow_curve
+    from .diagrams.curves import follow_isoline as follow_isoline
+    from .diagrams.curves import sensitivity as sensitivity
     from .diagrams.design import design as design
     from .diagrams.explore import follow as follow
-    from .diagrams.isolines import follow_isoline as follow_isoline
-    from .diagrams.isolines import sensitivity as sensitivity
     from .diagrams.margins import find_margins as find_margins
     from .diagrams.orbit_branch import continue_born as continue_born
     from .diagrams.orbit_branch import continue_orbit as continue_orbit
@@ -71,10 +71,10 @@ if TYPE_CHECKING:
     from .simulation.basins import cover as cover
     from .simulation.energy import energy as energy
     from .simulation.energy import losses as losses
-    from .simulation.escapes import escape_rate as escape_rate
     from .simulation.files import load as load
     from .simulation.files import save as save
     from .simulation.fractions import basin_fractions as basin_fractions
+    from .simulation.integrity import escape_rate as escape_rate
     from .simulation.integrity import integrity as integrity
     from .simulation.manifolds import grow_manifold as grow_manifold
     from .simulation.settle import settle as settle

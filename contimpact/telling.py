@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any, TextIO
 
-from .storage.texts import terminal_text
+from .storage.files import terminal_text
 
 BEAT = 0.25
 """Seconds after which a terminal's line is rewritten."""

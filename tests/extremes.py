@@ -17,8 +17,13 @@ from scipy.optimize import brentq
 from zoo import unknowns_of
 
 from contimpact import ImpactPair, InputError, Oscillator, Settings, find_orbits
-from contimpact.accuracy.reference import Reference
-from contimpact.accuracy.simulated import ExactFlights, flights_of, plain_voltage, voltages
+from contimpact.accuracy.reference import (
+    ExactFlights,
+    Reference,
+    flights_of,
+    plain_voltage,
+    voltages,
+)
 from contimpact.bifurcations.grazing import touches_at
 from contimpact.bifurcations.registry import switch, test_functions
 from contimpact.continuation.corrector import correct

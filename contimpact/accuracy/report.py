@@ -44,9 +44,8 @@ from ..results.diagram import Diagram
 from ..results.entry_conversion import details_of
 from ..results.scene import Scene
 from ..segments.kernels import Kernels
-from ..storage.files import write_all
-from ..storage.texts import finite
-from .reference import Exact, Reference
+from ..storage.files import finite, write_all
+from .reference import Exact, Reference, measure_simulation
 from .shooting import (
     EVALUATIONS,
     EXPLICIT,
@@ -59,7 +58,6 @@ from .shooting import (
     take_within_budget,
     time_task,
 )
-from .simulated import measure_simulation
 
 # What proofs cost: seconds for each entry, and for each tube of a branch.
 

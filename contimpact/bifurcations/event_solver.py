@@ -1,6 +1,6 @@
 """Programs and solvers of the events of `scalar_systems`: plain or compiled, of any word.
 
-A system is solved from a guess, or an event located on an arc of a branch; see `arc_location`.
+A system is solved from a guess, or an event located on an arc of a branch; see `locate_on_arc`.
 """
 
 from __future__ import annotations
@@ -17,51 +17,48 @@ from ..continuation.branch import Between, Point
 from ..orbits.block_cyclic import KEPT, store, store_compiled
 from ..orbits.problem import CyclicBlocks, Linearisation, OrbitProblem, Summary
 from ..segments.compiling import CompiledProgram, addresses, load, mode, timed_plainly
-from ..segments.excursion_code import add_excursions, variant_of
-from ..segments.flight import excursion_of, time_zeros
+from ..segments.flight import add_excursions, excursion_of, time_zeros, variant_of
 from ..segments.kernels import Kernels
 from ..segments.layout import Blocks, Family
 from ..segments.oscillation import MOST, ROW, row_of, row_of_compiled
 from ..segments.touches import flights_are_apart
-from .arc_location import (
-    CYCLE,
-    FRACTION,
-    LARGEST,
-    MULTIPLIERS,
-    ORIENTATION,
-    UNRESOLVED,
-    ArcVectors,
-    check_touch,
-    flights_last,
-    guess_eigenvector,
-    guess_orbit,
-    guess_touch,
-    locate_on_arc,
-    turn_of_flight,
-)
 from .scalar_systems import (
     BLOCK,
+    CYCLE,
     ERROR,
     EVALUATED,
     FAILED,
     FAR,
     FLIGHT,
+    FRACTION,
+    LARGEST,
     LONGEST,
     MU,
+    MULTIPLIERS,
+    ORIENTATION,
     SIZE,
     SOLVED,
     TOUCH,
+    UNRESOLVED,
     VARIANT,
+    ArcVectors,
     ScalarForm,
     Search,
     SystemVectors,
     bound_reached,
     bound_singular,
     bound_touching,
+    check_touch,
     evaluate_reached,
     evaluate_singular,
     evaluate_touching,
+    flights_last,
+    guess_eigenvector,
+    guess_orbit,
+    guess_touch,
+    locate_on_arc,
     solve_system,
+    turn_of_flight,
 )
 
 if TYPE_CHECKING:
@@ -171,7 +168,7 @@ def add_kernels(program: Program, kernels: Kernels, variant: str, free: str) -> 
 def program_of(kernels: Kernels, turns: str | None) -> Program:
     """Return the program that solves systems and locates events, for any word of a model.
 
-    `turns` says how flights are found to turn; see `excursion_code.variant_of`.
+    `turns` says how flights are found to turn; see `segments.flight.variant_of`.
     """
     from ..segments.machine_code import Program, choice
 

@@ -97,7 +97,7 @@ def parser() -> argparse.ArgumentParser:
         found.set_defaults(function=function)
         return found
 
-    check = add("check", "check.command", "validate a scene and say what would run")
+    check = add("check", "scenes.check", "validate a scene and say what would run")
     argument(check, "scene SCENE", "a scene file (TOML)")
 
     new = add("new", "scenes.new", "print a commented scene of a system to start from")
@@ -134,7 +134,7 @@ def parser() -> argparse.ArgumentParser:
     argument(report, "-q --quiet", "print nothing but errors")
     argument(report, "--no-plot", "leave the plots out")
 
-    certify = add("certify", "certify.command", "prove what a catalogue says")
+    certify = add("certify", "run.certify", "prove what a catalogue says")
     argument(certify, "target SCENE|DIR", "a scene file (TOML) to run first, or a folder")
     argument(certify, "-o --output DIR", "folder to write to, with a scene")
     argument(certify, "--verify", "repeat the proofs that are stored in DIR")

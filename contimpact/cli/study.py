@@ -11,8 +11,7 @@ import numpy as np
 from ..errors import InputError
 from ..models.expressions import number
 from ..segments.compiling import mode
-from ..storage.files import write_text
-from ..storage.texts import csv_text
+from ..storage.files import csv_text, write_text
 from ..studies.executors import Workshop, dask, mpi, processes
 from ..studies.run import Tally, WorkersLostError, duration, run_study
 from ..studies.store import Store
@@ -132,8 +131,8 @@ def _is_known(shown: Map) -> np.ndarray:
 
 
 def _write_map(shown: Map, study: Study, folder: Path, options: argparse.Namespace) -> None:
+    from ..plots.lines import units_of
     from ..plots.maps import file_stem, save_map
-    from ..plots.texts import units_of
 
     stem = file_stem(shown)
     rows = zip(shown.x.tolist(), shown.y.tolist(), shown.values.tolist(), strict=True)

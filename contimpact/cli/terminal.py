@@ -9,7 +9,7 @@ import threading
 from collections.abc import Iterator
 from typing import Any, NoReturn, TextIO
 
-from ..storage.texts import terminal_text
+from ..storage.files import terminal_text
 
 # A request to end (SIGTERM), as schedulers send it, is taken as Ctrl-C.
 #

@@ -13,24 +13,25 @@ from ..bifurcations.extended_system import ManyOrbits, OneOrbit
 from ..continuation.branch import Block
 from ..continuation.step import columns
 from ..models.guards import Row
-from ..orbits.cyclic_chain import block_size, kept_size
+from ..orbits.block_cyclic import UNRESOLVED
+from ..orbits.cyclic_chain import (
+    FINDINGS,
+    ChainVectors,
+    block_size,
+    chain_step,
+    evaluate_chain,
+    follow_law,
+    kept_size,
+    observe_chain,
+    tangent_of_chain,
+)
 from ..orbits.multipliers import pencil_multipliers, products_of
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..segments.arithmetic import Kernel
 from ..segments.layout import Blocks, Setup
 from ..segments.oscillation import MOST, ROW
 from ..segments.touches import coordinates
-from .chain_functions import (
-    FINDINGS,
-    ChainVectors,
-    chain_step,
-    evaluate_chain,
-    follow_law,
-    observe_chain,
-    tangent_of_chain,
-)
 from .orbit_backend import Functions, OrbitBackend
-from .orbit_functions import UNRESOLVED
 
 if TYPE_CHECKING:
     from ..segments.machine_code import Program

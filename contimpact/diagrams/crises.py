@@ -28,7 +28,7 @@ from ..simulation.attractor import Attractor, Kind
 from ..simulation.basins import orbits_on
 from ..simulation.sweep import Row, Simulators, Sweep, sweep
 from ..simulation.transitions import all_changes, locate
-from ..storage.texts import Json, json_text
+from ..storage.files import Json, json_text
 from .crisis_location import (
     CR,
     PATIENT,

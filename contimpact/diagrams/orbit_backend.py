@@ -25,7 +25,7 @@ from ..continuation.step import (
     columns,
     take_steps,
 )
-from ..orbits.block_cyclic import BLOCK, KEPT, POSITIONS
+from ..orbits.block_cyclic import BLOCK, KEPT, POSITIONS, UNRESOLVED
 from ..orbits.problem import OrbitProblem
 from ..segments.compiling import (
     CompiledProgram,
@@ -35,8 +35,7 @@ from ..segments.compiling import (
     note_uncompiled,
     timed_plainly,
 )
-from ..segments.excursion_code import variant_of
-from ..segments.flight import excursion_of, time_zeros
+from ..segments.flight import excursion_of, time_zeros, variant_of
 from ..segments.layout import Setup
 from ..segments.oscillation import MOST, ROW
 from .orbit_functions import (
@@ -45,7 +44,6 @@ from .orbit_functions import (
     MEASURED,
     PRODUCT,
     SPAN,
-    UNRESOLVED,
     OrbitVectors,
     evaluate_cycle,
     newton_step,
@@ -54,8 +52,8 @@ from .orbit_functions import (
 )
 
 if TYPE_CHECKING:
+    from ..orbits.cyclic_chain import ChainVectors
     from ..segments.machine_code import Program
-    from .chain_functions import ChainVectors
 
 
 V = TypeVar("V", "OrbitVectors", "ChainVectors")
@@ -322,7 +320,7 @@ class CycleBackend(OrbitBackend[OrbitVectors]):
 
     @functools.cached_property
     def variant(self) -> str | None:
-        """See `excursion_code.variant_of`."""
+        """See `segments.flight.variant_of`."""
         return variant_of(self.problem.kernels, list(self.problem.model.values.values()))
 
     def written(self) -> Program:

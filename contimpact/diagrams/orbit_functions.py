@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from ..arrays import Table, Vector
-from ..orbits.block_cyclic import POSITIONS, assemble, eliminate, solve
+from ..orbits.block_cyclic import POSITIONS, UNRESOLVED, assemble, eliminate, solve
 from ..orbits.multipliers import (
     doubling_by_elimination,
     multipliers_by_elimination,
@@ -32,10 +32,6 @@ SPAN, DETERMINANT, PRODUCT, MEASURED = range(DESCRIBED, DESCRIBED + 4)
 """Places beside them of what test functions go by: the orbit's period, the determinant of a PD, the
 product of the multipliers. Last, where the gaps of all flights begin, followed by the flights'
 slowest turns and by derived parameters."""
-
-
-UNRESOLVED = 2
-"""Place in `clock`."""
 
 
 class OrbitVectors(NamedTuple):

@@ -8,14 +8,7 @@ import math
 from ..arrays import Vector
 from ..continuation.step import take_steps
 from ..orbits.block_cyclic import store, store_compiled
-from ..segments.arithmetic import Kernel, kernel_of
-from ..segments.excursion_code import add_excursions
-from ..segments.kernels import Kernels
-from ..segments.linear_flow import MEANS, SLOPES, balance, flow, halve_time
-from ..segments.machine_code import Program, choice
-from ..segments.oscillation import FollowedFlight, row_of, row_of_compiled
-from ..syntax import parse
-from .chain_functions import (
+from ..orbits.cyclic_chain import (
     ChainVectors,
     chain_step,
     evaluate_chain,
@@ -23,6 +16,13 @@ from .chain_functions import (
     observe_chain,
     tangent_of_chain,
 )
+from ..segments.arithmetic import Kernel, kernel_of
+from ..segments.flight import add_excursions
+from ..segments.kernels import Kernels
+from ..segments.linear_flow import MEANS, SLOPES, balance, flow, halve_time
+from ..segments.machine_code import Program, choice
+from ..segments.oscillation import FollowedFlight, row_of, row_of_compiled
+from ..syntax import parse
 from .orbit_functions import (
     OrbitVectors,
     evaluate_cycle,
@@ -247,7 +247,7 @@ def observe(orbit, z, tangent, orientation, row, at):
 def program_of(kernels: Kernels, variant: str) -> Program:
     """Return the program that takes steps along a branch of any word of a model.
 
-    `variant` says how the zeros of the acceleration are found; see `excursion_code.variant_of`.
+    `variant` says how the zeros of the acceleration are found; see `segments.flight.variant_of`.
     """
     program = Program({store: store_compiled, row_of: row_of_compiled, flow: flow_compiled})
     count = len(kernels.model.values)

@@ -35,8 +35,7 @@ from ..simulation.attractor import Attractor, Kind
 from ..simulation.basins import Coverage, begins_with, cover, orbits_on
 from ..simulation.files import COVERAGE, TRANSITIONS, sweep_of
 from ..simulation.sweep import Row, Sweep
-from ..storage.files import is_there
-from ..storage.texts import csv_text
+from ..storage.files import csv_text, is_there
 from .crisis_location import CR
 
 RANGES = "contimpact.ranges/1"

@@ -26,7 +26,7 @@ from ..results.scene import Scene
 from ..segments.kernels import Kernels
 
 if TYPE_CHECKING:
-    from ..storage.texts import Json
+    from ..storage.files import Json
     from .settled import Settled
 
 

@@ -36,6 +36,9 @@ POSITIONS = 1
 """Place of the walls' positions in the row `fixed`: the forcing period stands before them, the
 derived parameters behind."""
 
+UNRESOLVED = 2
+"""Place in `clock` of a cycle: how many flights compiled code has not followed."""
+
 KEPT = 15
 """Numbers of an eliminated impact: R (3), W (4), V (4), l (2), f (2)."""
 

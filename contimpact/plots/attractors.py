@@ -38,8 +38,17 @@ from ..simulation.sweep import Row, Simulators, Sweep, same_attractor
 from ..storage.files import Content, write_all
 from ..systems.membrane import Membrane
 from . import diagram as style
-from .lines import STYLES, WIDTHS, runs
-from .texts import axis_label, plain_text, symbol, units_of, values_text, walls_of
+from .lines import (
+    STYLES,
+    WIDTHS,
+    axis_label,
+    plain_text,
+    runs,
+    symbol,
+    units_of,
+    values_text,
+    walls_of,
+)
 
 if TYPE_CHECKING:
     from ..diagrams.scene_simulation import Simulation

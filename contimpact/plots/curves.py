@@ -50,7 +50,7 @@ from ..results.diagram import Diagram
 from ..simulation.attractor import Attractor, Kind
 from ..simulation.sweep import Row, Sweep
 from .diagram import Figure, legend_mark, save_figure, write_heading
-from .texts import axis_label, plain_text, set_label, symbol, values_text
+from .lines import axis_label, plain_text, set_label, symbol, values_text
 
 # Outlines with as few points as are seen.
 

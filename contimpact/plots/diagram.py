@@ -39,16 +39,21 @@ from .lines import (
     STYLES,
     UNPHYSICAL,
     WIDTHS,
+    axis_label,
     branches_drawn_whole,
     draw_guides,
+    fixed_values,
     limits_of,
     marks_of,
     ordinate_label,
     pieces_of,
+    plain_text,
     series_by_branch,
     shade_margins,
+    units_of,
+    values_text,
+    walls_of,
 )
-from .texts import axis_label, fixed_values, plain_text, units_of, values_text, walls_of
 
 if TYPE_CHECKING:
     from ..diagrams.ranges import Ranges

@@ -21,8 +21,7 @@ from matplotlib.transforms import ScaledTranslation
 
 from ..arrays import Array
 from ..results.branch import Entry
-from .lines import Piece
-from .texts import label_text, plain_text
+from .lines import Piece, label_text, plain_text
 
 CHOICES = ("all", "period-1", "real", "none")
 """Choices of the events that are labelled: all, those of period T, those that are no ghosts,

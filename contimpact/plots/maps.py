@@ -15,7 +15,7 @@ from ..bifurcations.declarations import KINDS
 from ..bifurcations.registry import kind_of
 from ..studies.study import Map
 from .diagram import Figure, save_figure, write_heading
-from .texts import axis_label, plain_text, set_label
+from .lines import axis_label, plain_text, set_label
 
 NAMED = ("#d5e5f2", "#56a0ce", "#f0c05a", "#1f4e79", "#cccccc", "#77913f", "#5b3a6b", "#c9733f")
 """Colours of names that are no kinds of events: of numbers from the first on, of others from the

@@ -22,8 +22,7 @@ from ..results.entry_conversion import entry_by_name, to_orbit
 from ..simulation.attractor import Attractor
 from .attractors import INK_OF_PORTRAITS, OTHERS, wall_names
 from .diagram import COLOURS, legend_mark, new_figure
-from .lines import STYLES
-from .texts import plain_text
+from .lines import STYLES, plain_text
 
 PERIODS = 2
 """Forcing periods of a time series at least."""

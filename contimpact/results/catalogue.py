@@ -31,13 +31,17 @@ from ..schema import DAMAGE, attribute, build_record, fit_value, record, table_c
 from ..storage.files import (
     LARGEST_RECORD,
     Content,
+    Json,
     check_length,
+    csv_text,
+    json_line,
+    json_text,
     open_plain,
     read_bounded,
     reason,
+    unescape_text,
     write_all,
 )
-from ..storage.texts import Json, csv_text, json_line, json_text, unescape_text
 from .branch import Branch, Entry, end_record
 from .curve import Area, Check, Coverage, Curve, regions
 from .diagram import Diagram, Limit

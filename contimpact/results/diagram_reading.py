@@ -25,8 +25,7 @@ import numpy as np
 
 from ..bifurcations.doubling import PD
 from ..bifurcations.fold import FB
-from ..bifurcations.grazing import G
-from ..bifurcations.grazing_scenario import JUMP
+from ..bifurcations.grazing import JUMP, G
 from ..bifurcations.kind import Scenario
 from ..continuation.ends import EndKind
 from ..errors import explain_arguments

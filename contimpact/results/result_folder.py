@@ -28,6 +28,7 @@ from ..storage.files import (
     PACKED,
     hold_lock,
     is_there,
+    json_text,
     put,
     read_bounded,
     read_plain,
@@ -35,7 +36,6 @@ from ..storage.files import (
     remove_leftovers,
     write_all,
 )
-from ..storage.texts import json_text
 
 CATALOGUE = "contimpact.catalogue/1"
 MANIFEST = "contimpact.manifest/1"

@@ -25,8 +25,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..arrays import ENTRY, TABLE
 from ..errors import InputError
-from ..storage.cache import cache_folder, load_file, logger, store_file
-from ..storage.files import reason
+from ..storage.files import cache_folder, load_file, logger, reason, store_file
 
 if TYPE_CHECKING:
     from .machine_code import Program

@@ -2,7 +2,7 @@
 
 Each flight starts with the state that an impact, or a release, leaves. Of all guards that its mode
 has, the one that is reached first ends it. At rigid walls impacts accumulate by the law of
-`contimpact.simulation.impacts`; then the wall is held, and the motion goes on in the constrained
+`contimpact.simulation.run`; then the wall is held, and the motion goes on in the constrained
 mode (`flights`), in which other walls may be hit and held. It ends where a contact ceases to
 push, or where another impact moves the system off the wall.
 
@@ -43,9 +43,11 @@ from .flights import (
     until_repeated,
     windows,
 )
-from .impacts import EARLY, LOW, SHORT, wrap_time
 from .linear_flights import Law, LinearRuns, Setting
 from .run import (
+    EARLY,
+    LOW,
+    SHORT,
     Call,
     Outcome,
     OutsideError,
@@ -55,6 +57,7 @@ from .run import (
     join_all,
     join_columns,
     wall_into,
+    wrap_time,
 )
 
 # Starts anywhere within the guards of a mode; what lies elsewhere is refused.

@@ -39,8 +39,17 @@ from ..results.catalogue import (
 from ..results.curve import Curve
 from ..results.diagram import Diagram
 from ..schema import DAMAGE, build_record, fit_value
-from ..storage.files import append, is_there, read_bounded, reason, write_text
-from ..storage.texts import Json, csv_text, json_line, json_text
+from ..storage.files import (
+    Json,
+    append,
+    csv_text,
+    is_there,
+    json_line,
+    json_text,
+    read_bounded,
+    reason,
+    write_text,
+)
 from .attractor import Attractor, Kind
 from .run import Outcome, Run, State
 from .sweep import WRITTEN, Row, Sweep, table_of

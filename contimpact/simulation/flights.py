@@ -28,8 +28,7 @@ from ..segments.layout import Family
 from ..segments.linear_flow import Shape, flow
 from ..segments.oscillation import Motion
 from ..segments.track import Pieces, Track
-from .impacts import Body
-from .run import State
+from .run import Body, State
 
 # Linear motion of a mode, with guards against which the machine rests.
 #

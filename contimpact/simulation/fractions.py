@@ -26,7 +26,7 @@ from ..progress import Asked, progress_lines
 from ..results.options import MOST_FRACTION_STARTS, MOST_ROUNDS, SETTLING, Settling, check_pairs
 from ..results.ranges import FRACTIONS, Share, shorten_names
 from ..segments.kernels import Kernels
-from ..storage.texts import csv_text
+from ..storage.files import csv_text
 from .attractor import OTHER, Attractor, Kind, distances_between
 from .basins import attractor_numbers, is_orbit, parts_of
 from .run import OutsideError, State

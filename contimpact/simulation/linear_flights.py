@@ -35,9 +35,8 @@ from ..segments.linear_flow import Shape, generator_of, mean_rates, scales_of, s
 from ..segments.segment import ELSEWHERE, Passages
 from ..segments.track import turns_of
 from .flights import REPEATED, TOGETHER
-from .impacts import DONE, NO_IMPACT, RUNAWAY, SHORT, wrap_time
 from .one_coordinate import DTYPES, Engine, array, formulas
-from .run import OUTCOMES, Call, Outcome, State
+from .run import DONE, NO_IMPACT, OUTCOMES, RUNAWAY, SHORT, Call, Outcome, State, wrap_time
 
 if TYPE_CHECKING:
     from ..segments.machine_code import Program
@@ -47,7 +46,7 @@ TERMS = 18
 PARTS = 500
 """Parts of a piece at most; what is not resolved then is left to the `automaton`."""
 BEYOND, LEFT = 5, 6
-"""Why a run ended, besides those of `impacts`: a jump led behind a guard, as
+"""Why a run ended, besides those of `run`: a jump led behind a guard, as
 `contimpact.simulation.run.Outcome` has it; or the next flight is left to the `automaton`."""
 
 
@@ -239,7 +238,7 @@ def is_beyond(flights: Flights, law: int, space: Vector) -> bool:
 
 
 def accumulates(flights: Flights, wall: int, velocity: float, at: int, space: Vector) -> bool:
-    """Whether impacts on a wall are so near to their end that it may be held; see `impacts`."""
+    """Whether impacts on a wall are so near to their end that it may be held; see `run`."""
     e, piece = flights.restitution[wall], flights.piece[flights.law[wall]]
     force = flights.sides[wall] * (2.0 * space[at + 1]) / (piece * piece)
     if e >= 1.0 or not force > 0.0:
@@ -386,7 +385,7 @@ def make_flights(
     """Simulate from impact to impact; returns how many there were.
 
     ``leave(wall, phase, values, space)`` fills in X after an impact, from the section coordinates
-    before it. The other arguments are as in `impacts.make_impacts`, with 2 d - 1 section
+    before it. The other arguments are as in `run.make_impacts`, with 2 d - 1 section
     coordinates in place of the velocity.
     """
     size = 2 * flights.sizes[0] - 1

@@ -34,8 +34,8 @@ from ..results.entry_conversion import to_orbit
 from ..segments.arithmetic import ARRAYS, evaluate_in
 from ..segments.flight import chebyshev_zeros, first_arrival, rounding_along
 from ..segments.layout import Family
-from .impacts import wall_on, wrap_time
 from .one_coordinate import OneCoordinate
+from .run import wall_on, wrap_time
 from .simulator import Simulator
 
 SPACING = 0.01

@@ -1,7 +1,7 @@
 """Simulation of systems of one coordinate, plainly and compiled.
 
 Their flights are displacements from a wall alone, so that they are simulated by the fast loop of
-`impacts`, plainly or compiled.
+`run`, plainly or compiled.
 """
 
 from __future__ import annotations
@@ -24,18 +24,24 @@ from ..segments.kernels import Kernels
 from ..segments.layout import Family
 from ..segments.segment import neighbouring_guards
 from .flights import FlightInState, first_hit, fly_in_time, motion_at
-from .impacts import (
+from .run import (
+    OUTCOMES,
     Body,
+    Call,
     Hold,
+    Outcome,
+    OutsideError,
+    State,
     coefficient,
     hold_of,
+    join_runs,
     make_impacts,
     pressing_at,
     slow_velocity,
+    wall_into,
     wall_on,
     wrap_time,
 )
-from .run import OUTCOMES, Call, Outcome, OutsideError, State, join_runs, wall_into
 
 if TYPE_CHECKING:
     from ..segments.machine_code import Program

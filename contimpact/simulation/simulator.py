@@ -4,7 +4,7 @@ Each flight is the model's closed form, and its first arrival at a wall is found
 (`flight.first_arrival`). Time is a phase in [0, T) and a whole number of periods, so that it does
 not lose digits however long a run is. Chatter is completed analytically near its end; then the body
 sticks, until the acceleration at the wall turns away. The loop itself is in
-`contimpact.simulation.impacts`; it runs in plain Python, and compiled where that pays.
+`contimpact.simulation.run`; it runs in plain Python, and compiled where that pays.
 
 Systems of one coordinate between two walls have a fast loop (`one_coordinate`); the `automaton`
 simulates all others.
@@ -31,10 +31,9 @@ from ..segments.compiling import cores
 from ..segments.kernels import Kernels
 from .automaton import Automaton
 from .flights import LinearMotion
-from .impacts import DONE
 from .linear_flights import LEFT
 from .one_coordinate import OneCoordinate
-from .run import OUTCOMES, Call, Outcome, Run, State, states_of
+from .run import DONE, OUTCOMES, Call, Outcome, Run, State, states_of
 
 CHUNK, FEW = 65536, 256
 """Rows made at once, at most and at first: interrupts come through between chunks."""

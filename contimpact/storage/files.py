@@ -7,22 +7,25 @@ target's name once it is whole. A link at the target is replaced, not followed.
 from __future__ import annotations
 
 import contextlib
+import csv
 import errno
 import functools
 import hashlib
+import io
 import json
 import lzma
+import math
 import os
 import re
 import stat
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, cast
+from typing import Any, BinaryIO, TypeAlias, cast
 
-from ..errors import InputError, NotWrittenError
+from ..errors import InputError, NotWrittenError, printable
 
 # Which process wrote something, and whether it is still running.
 
@@ -458,3 +461,223 @@ def _give_back(path: Path, descriptor: int) -> None:
         else:
             path.unlink()
             os.close(descriptor)
+
+
+# Plain data and their texts: JSON and CSV, written, and read with their mistakes named.
+#
+# Names and messages may come from files of others. They reach a reader as text: no control
+# character comes to a terminal, no cell is a formula in a spreadsheet, no HTML and no further row
+# stands in a table. What is read back is read back the same.
+
+_INVISIBLE = re.compile(
+    "[\x7f-\x9f\xad\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\ud800-\udfff]"
+)
+"""Characters that change how a text is shown, and halves of characters."""
+_NUMBERS = re.compile(r"(?<=\[)\n *-?\d[^][{}\"tfn]*(?=\])")
+"""List of numbers alone that is printed over several lines."""
+_FORMULA = tuple("=+-@\t\r'")
+"""How cells begin that a spreadsheet takes for formulas; and ``'``, the mark that they are none."""
+
+
+def terminal_text(text: str, encoding: str | None = None) -> str:
+    """Return lines of text as a terminal of an encoding can show them, all else as escapes."""
+    lines, code = "\n".join(map(printable, text.split("\n"))), encoding or "utf-8"
+    return lines.encode(code, "backslashreplace").decode(code)
+
+
+# JSON.
+
+Json: TypeAlias = bool | int | float | str | Sequence["Json"] | Mapping[str, "Json"] | None
+"""Plain data as JSON holds them."""
+
+
+def json_text(content: Json) -> str:
+    """Return readable JSON with no number that is not finite; lists of numbers are in one line."""
+    text = json.dumps(finite(content), indent=1, allow_nan=False, ensure_ascii=False)
+    text = _NUMBERS.sub(lambda found: " ".join(found[0].split()), text)
+    return f"{_visible(text)}\n"
+
+
+def json_line(content: Json) -> str:
+    """Return JSON in one line; numbers that are not finite are texts."""
+    return _visible(json.dumps(finite(content, repr), allow_nan=False, ensure_ascii=False))
+
+
+def _visible(text: str) -> str:
+    """JSON with the characters that are not seen as escapes, which read back to the same."""
+    return _INVISIBLE.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+
+
+def finite(value: Any, instead: Callable[[float], Any] = lambda value: None) -> Any:
+    """Plain data with every number that is not finite replaced."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else instead(value)
+    if isinstance(value, Mapping):
+        return {name: finite(v, instead) for name, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(v, instead) for v in value]
+    return value
+
+
+# CSV.
+
+
+def csv_text(columns: Sequence[str], rows: Iterable[Iterable[Any]], *, exact: bool = False) -> str:
+    """Return a table as CSV; numbers read back to the same bits, None is an empty cell.
+
+    A text that would be a formula in a spreadsheet has ``'`` before it. Where it is `exact`,
+    `unescape_text` gives texts back as they are; control characters are escapes otherwise.
+    """
+    shown = _escape_text if exact else printable
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(_cell(name, shown) for name in columns)
+    writer.writerows([_cell(value, shown) for value in row] for row in rows)
+    return buffer.getvalue()
+
+
+def _cell(value: Any, shown: Callable[[str], str]) -> Any:
+    if isinstance(value, float):
+        return repr(value)
+    if isinstance(value, bool):
+        return int(value)
+    if isinstance(value, str) and value:
+        text = shown(value)
+        return f"'{text}" if text.startswith(_FORMULA) else text
+    return value
+
+
+def _escape_text(text: str) -> str:
+    """A text as it is; halves of characters and \\r, which no table gives back, as escapes."""
+    return text.encode(errors="backslashreplace").decode().replace("\r", "\\r")
+
+
+def unescape_text(cell: str) -> str:
+    """Return the text that an exact `csv_text` has written as a cell."""
+    return cell.removeprefix("'")
+
+
+# Markdown.
+
+_MARKS = str.maketrans(
+    {"\\": "\\\\", "|": r"\|", "~": r"\~", "`": r"\`", "<": "&lt;", "&": "&amp;"}
+)
+_LINK = re.compile(r"\](?=[(\[])")
+
+
+def markdown_cell(value: Any) -> str:
+    """Return a value as a cell of a Markdown table, numbers to 12 digits."""
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.12g}"
+    return _LINK.sub(r"]\\", printable(str(value)).translate(_MARKS))
+
+
+# The folder of what is generated once and kept: kernels, and compiled code.
+#
+# What is in it is executed. So only what this user alone can have written is taken from it: the
+# folder and every file must belong to the user, and nobody else may be allowed to write them.
+
+
+def logger(name: str) -> Any:
+    """Return a logger; `logging` is imported when there is something to say."""
+    import logging
+
+    return logging.getLogger(name)
+
+
+def cache_folder() -> Path | None:
+    """Return the folder, or None if it cannot be used or could be written by others.
+
+    ``CONTIMPACT_CACHE`` names it; otherwise it is the platform's folder for caches.
+    """
+    try:
+        folder = _absolute_folder()
+    except (OSError, RuntimeError) as error:  # no home; a working folder that is gone
+        _warn(f"no folder for them is known ({error}); name one by CONTIMPACT_CACHE")
+        return None
+    if fault := _fault(folder):
+        _warn(f"{folder} {fault}; name another folder by CONTIMPACT_CACHE")
+        return None
+    _remove_leftovers(folder)
+    return folder
+
+
+def _fault(folder: Path) -> str | None:
+    """Why a folder is not used; it is made if need be."""
+    try:
+        _make_folder(folder)
+        return distrust_reason(folder.stat())
+    except (OSError, ValueError) as error:
+        return f"cannot be used ({reason(error)})"
+
+
+def _absolute_folder() -> Path:
+    """The folder's absolute path: a relative one could be taken for an option or a library."""
+    if named := os.environ.get("CONTIMPACT_CACHE"):
+        return Path(named).expanduser().absolute()
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA") or Path.home()) / "contimpact" / "cache"
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches" / "contimpact"
+    given = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    return (given if given.is_absolute() else Path.home() / ".cache") / "contimpact"
+
+
+def _make_folder(folder: Path) -> None:
+    """Make a folder, and those above it, for this user alone, whatever the umask."""
+    if folder.is_dir():
+        return
+    _make_folder(folder.parent)
+    try:
+        folder.mkdir(0o700)
+    except FileExistsError:  # another process was quicker, or it is a file
+        if not folder.is_dir():
+            raise
+    else:
+        folder.chmod(0o700)
+
+
+def distrust_reason(status: os.stat_result) -> str | None:
+    """Return why a file or folder is not relied on; None if only this user can have written it."""
+    if not hasattr(os, "geteuid"):  # Windows: the user's folders are closed to others
+        return None
+    if status.st_uid != os.geteuid():
+        return f"belongs to another user (number {status.st_uid})"
+    if status.st_mode & 0o022:
+        return "may be written by others, so empty it and take their permission away"
+    return None
+
+
+@functools.cache
+def _warn(why: str) -> None:
+    """Say once in a process why nothing is cached."""
+    logger(__name__).warning("kernels and compiled code are not cached: %s", why)
+
+
+@functools.cache
+def _remove_leftovers(folder: Path) -> None:
+    """Remove, once in a process, what killed ones have left behind."""
+    remove_leftovers(folder)
+
+
+def store_file(path: Path, content: bytes) -> None:
+    """Put a file into the cache, for this user alone.
+
+    Raises OSError if it cannot be written.
+    """
+    put(path, content, 0o600)
+
+
+def load_file(path: Path) -> bytes:
+    """Return the content of a file in the cache.
+
+    Raises OSError if it cannot be read, or somebody else could have written it.
+    """
+    content, status = read_plain(path)
+    if fault := distrust_reason(status):
+        raise PermissionError(f"it {fault}")
+    return content

@@ -16,8 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, NotWrittenError
-from ..storage.files import reason, temporary_beside
-from ..storage.texts import csv_text, json_line
+from ..storage.files import csv_text, json_line, reason, temporary_beside
 from .study import ROWS, Selection, Study, studies
 
 FORMATS = ("csv", "csv.gz", "json", "parquet")

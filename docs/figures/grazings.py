@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import contimpact as ci
-from contimpact.bifurcations.grazing_scenario import CHAOS, IMMEDIATE, JUMP, OVERLAP, windows
+from contimpact.bifurcations.grazing import CHAOS, IMMEDIATE, JUMP, OVERLAP, windows
 from contimpact.models.word import Word
 from contimpact.orbits.orbit import Orbit
 from contimpact.orbits.search import solve_near

@@ -15,7 +15,7 @@ from contimpact.accuracy import report as long_words
 from contimpact.accuracy import report as module
 from contimpact.accuracy import shooting as contestant
 from contimpact.accuracy import shooting as timing
-from contimpact.accuracy.reference import Reference
+from contimpact.accuracy.reference import Reference, measure_simulation
 from contimpact.accuracy.report import (
     _budget_note,
     _event_table,
@@ -24,7 +24,6 @@ from contimpact.accuracy.report import (
     measure_events,
 )
 from contimpact.accuracy.shooting import EXPLICIT, IMPLICIT, MOST_EVALUATIONS, Shooting
-from contimpact.accuracy.simulated import measure_simulation
 from contimpact.cli import main
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams.explore import follow

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from contimpact.accuracy.simulated import ExactFlights, flights_of
+from contimpact.accuracy.reference import ExactFlights, flights_of
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.two_masses import TwoMasses
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import contimpact as ci
-from contimpact.bifurcations.grazing_scenario import (
+from contimpact.bifurcations.grazing import (
     CHAOS,
     IMMEDIATE,
     JUMP,

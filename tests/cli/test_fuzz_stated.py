@@ -26,7 +26,7 @@ from random import Random
 import mutations
 import pytest
 
-from contimpact.cli import check
+from contimpact.cli import scenes
 from contimpact.errors import InputError
 from contimpact.studies.study_file import load_study
 
@@ -203,7 +203,7 @@ def wrong(index, folder):
             warnings.simplefilter("ignore")
             if study:
                 load_study(path)
-            check.command(argparse.Namespace(scene=str(path), system=[]))
+            scenes.check(argparse.Namespace(scene=str(path), system=[]))
     except InputError as error:
         root = re.split(r"[.\[ :]", error.where)[0]
         if error.where != str(path) and root not in TABLES | keys_of(data):

@@ -61,7 +61,7 @@ def test_a_command_that_is_asked_to_end_says_that_it_was_interrupted(monkeypatch
     def ended(options):
         signal.raise_signal(signal.SIGTERM)
 
-    monkeypatch.setattr("contimpact.cli.check.command", ended)
+    monkeypatch.setattr("contimpact.cli.scenes.check", ended)
     assert main(["check", "scene.toml"]) == 1
     assert "interrupted" in capsys.readouterr().err
     assert signal.getsignal(signal.SIGTERM) is before

@@ -15,9 +15,9 @@ from contimpact.bifurcations.registry import kind_of
 from contimpact.bifurcations.scalar_systems import LONGEST, factor
 from contimpact.bifurcations.torus import SingularPair
 from contimpact.continuation.step import DenseBackend
-from contimpact.diagrams import curve_backend, curves
-from contimpact.diagrams.curve_backend import backend_of
-from contimpact.diagrams.curve_problem import CurveProblem, curve_problem
+from contimpact.diagrams import curve_problem as steps
+from contimpact.diagrams import curves
+from contimpact.diagrams.curve_problem import CurveProblem, backend_of, curve_problem
 from contimpact.diagrams.curves import follow_curve
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.models.word import Word
@@ -121,13 +121,13 @@ def test_compiled_curves_are_the_same_to_the_last_bit(
     entries, kind, monkeypatch, plain_and_compiled
 ):
     compiled = []
-    advance = curve_backend.CurveBackend.advance
+    advance = steps.CurveBackend.advance
 
     def noted(self, position, most):
         compiled.append(self.compiled is not None)
         return advance(self, position, most)
 
-    monkeypatch.setattr(curve_backend.CurveBackend, "advance", noted)
+    monkeypatch.setattr(steps.CurveBackend, "advance", noted)
     plain, fast = plain_and_compiled(
         lambda: follow_curve(entries[kind], MODEL, "r", *RANGES, kernels=PAIRS)
     )

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from contimpact.continuation.ends import End
-from contimpact.diagrams.curves import follow_curve
-from contimpact.diagrams.isolines import follow_isoline
+from contimpact.diagrams.curves import follow_curve, follow_isoline
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.errors import InputError
 from contimpact.orbits.search import find_orbits

@@ -24,7 +24,7 @@ from contimpact.bifurcations.declarations import KINDS
 from contimpact.bifurcations.registry import kind_of
 from contimpact.plots import lines
 from contimpact.plots.diagram import COLOURS, STYLES, save_diagram
-from contimpact.plots.texts import label_text
+from contimpact.plots.lines import label_text
 from contimpact.results.diagram import Diagram
 from contimpact.results.quantities import NO_WALL
 

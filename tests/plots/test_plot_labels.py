@@ -16,7 +16,7 @@ from zoo import ROOT
 
 from contimpact import InputError, follow, plot_diagram, read_scene
 from contimpact.plots import labels as placing
-from contimpact.plots.texts import fixed_values, symbol, units_of, value_text, values_text
+from contimpact.plots.lines import fixed_values, symbol, units_of, value_text, values_text
 from contimpact.results.diagram import Diagram
 from contimpact.results.options import LABELS
 

@@ -8,7 +8,7 @@ import pytest
 from zoo import ROOT
 
 import contimpact as ci
-from contimpact.bifurcations.grazing_scenario import CHAOS, IMMEDIATE, JUMP, OVERLAP
+from contimpact.bifurcations.grazing import CHAOS, IMMEDIATE, JUMP, OVERLAP
 
 
 def figure(name):

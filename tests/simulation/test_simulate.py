@@ -23,9 +23,8 @@ from contimpact.segments.flight import time_zeros, velocity_zero
 from contimpact.segments.kernels import Kernels
 from contimpact.simulation import one_coordinate
 from contimpact.simulation import simulator as simulate
-from contimpact.simulation.impacts import release_after
 from contimpact.simulation.lyapunov import exponents_of
-from contimpact.simulation.run import Outcome, State
+from contimpact.simulation.run import Outcome, State, release_after
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.duffing import Duffing
 from contimpact.systems.oscillator import Oscillator
