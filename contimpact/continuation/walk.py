@@ -259,9 +259,24 @@ AT_START = 1e-9
 
 FEWEST, UNWATCHED, GROWTH, LARGEST = 2, 64, 4, 1024
 """Steps asked for at a time: at first where somebody watches and where nobody does, how the number
-grows, and its ceiling. Points beyond an end that `stop` or `callback` decide on are discarded."""
+grows, and its ceiling. Points beyond an end by a policy or `callback` are discarded."""
 
-Stop = Callable[[Point, Sequence[Event]], "tuple[End, Point] | None"]
+
+class Policy:
+    """What a walk is subject to besides its problem; each hook may be overridden."""
+
+    def limits(self, limits: tuple[float, float]) -> tuple[float, float]:
+        """Return the part of the range in which the walk stays."""
+        return limits
+
+    def accepted(self, point: Point, events: Sequence[Event]) -> tuple[End, Point] | None:
+        """Return the end of the walk, and the point at which it ends, if it has come; called with
+        every accepted point and the events just before it."""
+        return None
+
+    def ended(self, walk: Walk) -> Walk:
+        """Return the walk as it is kept."""
+        return walk
 
 
 class Options(TypedDict, total=False):
@@ -272,7 +287,6 @@ class Options(TypedDict, total=False):
     tangent: Array | None
     branching: bool
     callback: Callable[[Point], bool | None] | None
-    stop: Stop | None
 
 
 def walk(
@@ -287,7 +301,7 @@ def walk(
     tangent: Array | None = None,
     branching: bool = False,
     callback: Callable[[Point], bool | None] | None = None,
-    stop: Stop | None = None,
+    policies: Sequence[Policy] = (),
     backend: Backend | None = None,
     meeting: Find | None = None,
 ) -> Walk:
@@ -313,9 +327,8 @@ def walk(
     callback : callable, optional
         Called with every accepted point, before events are looked for; a true value stops the
         walk.
-    stop : callable ``stop(point, events) -> (End, Point) or None``, optional
-        Called with every accepted point and the events just before it; may end the walk, at the
-        point it returns.
+    policies : sequence of Policy
+        Asked in turn: the first that ends the walk does so.
     backend : Backend, optional
         The problem as steps ask for it; by default on dense linear algebra.
     meeting : callable ``meeting(problem, guess, scale) -> Meeting or None``, optional
@@ -336,16 +349,22 @@ def walk(
     """
     settings = settings or Settings()
     start = np.asarray(start, dtype=float)
+    for policy in policies:
+        limits = policy.limits(limits)
     check(start, direction, limits)
-    backend, watching = backend or DenseBackend(problem), (callback, stop, branching)
+    ending = [p.accepted for p in policies if type(p).accepted is not Policy.accepted]
+    backend, watching = backend or DenseBackend(problem), (callback, ending, branching)
     walker = _Walker(problem, backend, parameter, limits, list(tests), settings, *watching)
     walker.passes.find = meeting
     try:
-        return walker.run(start, direction, tangent)
+        found = walker.run(start, direction, tangent)
     except KeyboardInterrupt:
         if not walker.points:
             raise
         raise WalkInterrupt(walker.interrupted()) from None
+    for policy in policies:
+        found = policy.ended(found)
+    return found
 
 
 @dataclass(eq=False)
@@ -359,7 +378,7 @@ class _Walker:
     tests: list[TestFunction]
     settings: Settings
     callback: Callable[[Point], bool | None] | None
-    stop: Stop | None
+    ending: Sequence[Callable[[Point, Sequence[Event]], tuple[End, Point] | None]]
     branching: bool
     points: Points = field(default_factory=Points)
     events: list[Event] = field(default_factory=list)
@@ -435,7 +454,7 @@ class _Walker:
 
     @property
     def watched(self) -> bool:
-        return self.callback is not None or self.stop is not None
+        return self.callback is not None or bool(self.ending)
 
     @property
     def fewest(self) -> int:
@@ -583,7 +602,7 @@ class _Walker:
     def record(self, piece: Point | Block, ending: EndKind | None = None) -> End | None:
         """Record points with the events between them; returns the end if it has come.
 
-        That is the one that was to follow, or one that `stop` or `callback` decide on.
+        That is the one that was to follow, or one that a policy or `callback` decides on.
         """
         new = Points([piece])
         seen = self.tested(piece, new, ending)
@@ -597,8 +616,9 @@ class _Walker:
             found = self.events_before(point, around, ending) if around is not None else []
             self.points.extend(piece, i, i + 1)
             done = i + 1
-            if self.stop is not None and (stopped := self.stop(point, found)):
-                return self.stopped(*stopped)
+            for ending_at in self.ending:
+                if stopped := ending_at(point, found):
+                    return self.stopped(*stopped)
             if asked:
                 return self.end(ending or EndKind.STOPPED)
         self.points.extend(piece, done, len(new))

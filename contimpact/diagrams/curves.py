@@ -37,7 +37,7 @@ from ..continuation.ends import End, EndKind
 from ..continuation.events import snap_to_points
 from ..continuation.problem import Problem, length
 from ..continuation.settings import Settings
-from ..continuation.walk import keep_interrupted, other_way, walk
+from ..continuation.walk import Policy, keep_interrupted, other_way, walk
 from ..errors import InputError, each_once, explain_arguments, short_repr
 from ..models.model import Model
 from ..models.word import Word
@@ -370,7 +370,6 @@ def walk_both_ways(
     inside = [Limit(name, limits) for name, limits in zip(others, ranges, strict=False)]
     again = [RepetitionTest(problem.orbit)] if problem.orbit.word.repeated() else []
     watched = [*inside, *problem.kind.curve_limits().values(), *again]
-    stop = end_on_leaving(problem.kind, watched)
 
     def go(direction: int) -> Walk:
         return walk(
@@ -382,7 +381,7 @@ def walk_both_ways(
             tests=[*watched, SecondValue(values), *special],
             settings=settings,
             callback=callback,
-            stop=stop,
+            policies=[LeavingEnd(problem.kind, watched)],
             meeting=crossing if again else None,
             backend=backend_of(problem),
         )
@@ -408,19 +407,23 @@ def check_range(model: Model, parameter: str, value: float, limits: object) -> R
     return low, high
 
 
-def end_on_leaving(
-    kind: Kind, watched: Sequence[TestFunction]
-) -> Callable[[Point, Sequence[Event]], tuple[End, Point] | None]:
-    """End a walk where a parameter leaves its range, or where the kind says so; watched are the
+class LeavingEnd(Policy):
+    """Ends a walk where a parameter leaves its range, or where the kind says so; watched are the
     `Limit` of each parameter but the last, and those of `Kind.curve_limits`."""
-    ranges = {test.kind: test.parameter for test in watched if isinstance(test, Limit)}
-    ends = {test.kind: end for end, test in kind.curve_limits().items()}
 
-    def stop(point: Point[CurvePoint], events: Sequence[Event]) -> tuple[End, Point] | None:
+    def __init__(self, kind: Kind, watched: Sequence[TestFunction]) -> None:
+        self.kind = kind
+        self.ranges = {test.kind: test.parameter for test in watched if isinstance(test, Limit)}
+        self.ends = {test.kind: end for end, test in kind.curve_limits().items()}
+
+    def accepted(
+        self, point: Point[CurvePoint], events: Sequence[Event]
+    ) -> tuple[End, Point] | None:
+        ends, ranges = self.ends, self.ranges
         first = point.evaluation.problem.orbit.kernels.parameter
         found = [(ends[e.kind], first, e.point) for e in events if e.kind in ends]
         found += [(EndKind.RANGE, ranges[e.kind], e.point) for e in events if e.kind in ranges]
-        if reached := kind.curve_end(point.evaluation.own):
+        if reached := self.kind.curve_end(point.evaluation.own):
             found.append((reached, first, point))
         for end, parameter, at in found:
             return End.of(end, parameter, at.evaluation.parameter(parameter)), at
@@ -428,8 +431,6 @@ def end_on_leaving(
             ((repetition_end(e.point), e.point) for e in events if e.kind == RepetitionTest.kind),
             None,
         )
-
-    return stop
 
 
 class Limit(TestFunction):

@@ -41,7 +41,7 @@ from ..results.scene import Scene
 from ..results.tables import columns_of
 from ..segments.kernels import Kernels
 from .curve_problem import system_of
-from .orbit_branch import Run, add_stop_test, first_step, run_born, symmetric_end, walk_both_ways
+from .orbit_branch import Run, first_step, run_born, symmetric_end, walk_both_ways
 from .orbit_walks import walk_orbits
 
 # One-parameter runs across a map of curves: what the curves are started from and checked against.
@@ -109,7 +109,7 @@ def run_through(scene: Scene, model: Model, entry: Entry, kernels: Kernels) -> R
     """
     orbit = orbit_of(entry, model, kernels)
     beside = _orbit_beside(orbit.problem, orbit.unknowns, scene, scene.range)
-    return _run_from(scene, orbit.problem, beside)
+    return _walk(scene, orbit.problem, beside, scene.range)
 
 
 def run_with(scene: Scene, model: Model, entry: Entry, kernels: Kernels) -> Run:
@@ -118,16 +118,16 @@ def run_with(scene: Scene, model: Model, entry: Entry, kernels: Kernels) -> Run:
     For where the test function sees no crossing: all orbits of the branch may be on the curve.
     """
     orbit = orbit_of(entry, model, kernels)
-    run = _run_from(scene, orbit.problem, orbit.unknowns)
+    run = _walk(scene, orbit.problem, orbit.unknowns, scene.range)
     place = int(np.argmin(np.max(np.abs(run.points.unknowns - orbit.unknowns), axis=1)))
     told = entry.residual, entry.error, entry.method, details_of(entry)
     return dataclasses.replace(run, events=[Event(entry.kind, run.points[place], *told)])
 
 
-def _run_from(scene: Scene, problem: OrbitProblem, start: Array) -> Run:
-    stop = symmetric_end(problem)
-    tests = add_stop_test(tests_of(scene, problem), stop)
-    return walk_both_ways(problem, start, scene.range, tests, scene.settings, stop=stop)
+def _walk(scene: Scene, problem: OrbitProblem, start: Array, limits: Range) -> Run:
+    """Follow an orbit both ways, to where its branch becomes an image of itself."""
+    about = tests_of(scene, problem), scene.settings
+    return walk_both_ways(problem, start, limits, *about, stop=symmetric_end(problem))
 
 
 def _orbit_beside(problem: OrbitProblem, unknowns: Array, scene: Scene, limits: Range) -> Array:
@@ -515,9 +515,7 @@ def _follow(
 
 def run_on_line(scene: Scene, problem: OrbitProblem, unknowns: Array, limits: Range) -> Run:
     """Follow an orbit along a line, both ways."""
-    stop = symmetric_end(problem)
-    tests = add_stop_test(tests_of(scene, problem), stop)
-    run = walk_both_ways(problem, unknowns, limits, tests, scene.settings, stop=stop)
+    run = _walk(scene, problem, unknowns, limits)
     _raise_interruption(run)
     return run
 

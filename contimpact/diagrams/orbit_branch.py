@@ -7,7 +7,8 @@ import dataclasses
 import functools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -25,7 +26,8 @@ from ..continuation.problem import Evaluation
 from ..continuation.settings import Settings
 from ..continuation.walk import (
     SAME_SOLUTION,
-    Stop,
+    Options,
+    Policy,
     is_interrupted,
     keep_interrupted,
     other_way,
@@ -195,10 +197,10 @@ def mirror_end(name: str, point: Point) -> End:
     return End.of(EndKind.KNOWN, parameter, point.parameter, known=known)
 
 
-def symmetric_end(problem: OrbitProblem, known: Known | None = None) -> Stop | None:
+def symmetric_end(problem: OrbitProblem, known: Known | None = None) -> Policy | None:
     """Return what ends a walk at the branch point where its orbits become images of themselves.
 
-    It is a `stop` of a walk that looks for BP; None where no orbit of the problem can be an image
+    It is for a walk that looks for BP; None where no orbit of the problem can be an image
     of itself. `known` returns the name of the branch that an orbit of shorter period lies on.
     """
     if len(problem.word.rotations()) == 1 and symmetry_of(problem) is None:
@@ -206,13 +208,13 @@ def symmetric_end(problem: OrbitProblem, known: Known | None = None) -> Stop | N
     return _SymmetricEnd(problem, known)
 
 
-def add_stop_test(tests: Sequence[TestFunction], stop: Stop | None) -> list[TestFunction]:
-    """Return the test functions of a walk: those asked for, and that of what `stop` goes by."""
+def add_stop_test(tests: Sequence[TestFunction], stop: Policy | None) -> list[TestFunction]:
+    """Return the test functions of a walk: those asked for, and that which `stop` goes by."""
     asked = stop is None or any(isinstance(test, BranchPoint) for test in tests)
     return [*tests, *([] if asked else [BranchPoint()])]
 
 
-class _SymmetricEnd:
+class _SymmetricEnd(Policy):
     """Ends no walk whose orbits are their own images from the first point on."""
 
     def __init__(self, problem: OrbitProblem, known: Known | None) -> None:
@@ -220,7 +222,7 @@ class _SymmetricEnd:
         self.symmetry = symmetry_of(problem)
         self.kinds: list[EndKind] | None = None
 
-    def __call__(self, point: Point, events: Sequence[Event]) -> tuple[End, Point] | None:
+    def accepted(self, point: Point, events: Sequence[Event]) -> tuple[End, Point] | None:
         if self.kinds is None:
             own = self.images(point.unknowns, OFF_IMAGE)
             self.kinds = [k for k in (EndKind.SHORTER, EndKind.SYMMETRIC) if k not in own]
@@ -336,8 +338,7 @@ def continue_orbit(
     with progress_callback(
         progress, f"following {name}, {problem.word}", problem, callback
     ) as told:
-        watched = add_stop_test(tests, stop)
-        run = walk_both_ways(problem, unknowns, limits, watched, settings, told, stop, unphysical)
+        run = walk_both_ways(problem, unknowns, limits, tests, settings, told, stop, unphysical)
     return retry_interrupted(lambda: run.branch(name, kinds=[test.kind for test in tests]))
 
 
@@ -580,35 +581,37 @@ def walk_both_ways(
     problem: OrbitProblem,
     unknowns: Array,
     limits: tuple[float, float],
-    tests: list[TestFunction],
+    tests: Sequence[TestFunction],
     settings: Settings,
     callback: Callback | None = None,
-    stop: Stop | None = None,
+    stop: Policy | None = None,
     unphysical: bool = True,
 ) -> Run:
     """Walk from an orbit in both directions; a closed branch is walked once.
 
     After an interruption from the keyboard, what was walked until then.
     """
-
-    def go(direction: int) -> Walk:
-        return walk_orbits(
-            problem,
-            unknowns,
-            direction,
-            limits=limits,
-            tests=tests,
-            settings=settings,
-            callback=callback,
-            stop=stop,
-            unphysical=unphysical,
-        )
-
-    forward = keep_interrupted(lambda: go(+1))
+    options: Options = {"limits": limits, "settings": settings, "callback": callback}
+    go = _walks_from(problem, unknowns, tests, stop, unphysical, **options)
+    forward = keep_interrupted(partial(go, +1))
     if not forward.points:
         raise InputError("orbit", forward.end.message, "give an orbit that solves its equations")
-    backward = other_way(forward, problem.parameter, lambda: go(-1))
+    backward = other_way(forward, problem.parameter, partial(go, -1))
     return Run.of(problem, backward, forward)
+
+
+def _walks_from(
+    problem: OrbitProblem,
+    unknowns: Array,
+    tests: Sequence[TestFunction],
+    stop: Policy | None,
+    unphysical: bool,
+    **options: Unpack[Options],
+) -> Callable[[int], Walk]:
+    """The walk in a direction."""
+    policies, tests = [] if stop is None else [stop], add_stop_test(tests, stop)
+    given: Any = {"tests": tests, "policies": policies, "unphysical": unphysical, **options}
+    return lambda direction: walk_orbits(problem, unknowns, direction, **given)
 
 
 # From an event to the branch that is born there.
@@ -689,8 +692,8 @@ def run_born(
     tests: Sequence[TestFunction],
     settings: Settings,
     name: str = "b1",
-    stop: Stop | None = None,
-    callback: Callable[[Point], bool | None] | None = None,
+    stop: Policy | None = None,
+    callback: Callback | None = None,
     unphysical: bool = True,
 ) -> Run | End:
     """Walk along a branch from its start, one way or both as `Start` says.
@@ -700,30 +703,17 @@ def run_born(
     point, returns the end that says why.
     """
     problem = start.problem
-
-    def go(direction: int) -> Walk:
-        return walk_orbits(
-            problem,
-            start.unknowns,
-            direction,
-            limits=limits,
-            tests=add_stop_test(tests, stop),
-            settings=settings,
-            tangent=start.tangent,
-            branching=start.branching,
-            callback=callback,
-            stop=stop,
-            unphysical=unphysical,
-        )
-
-    forward = keep_interrupted(lambda: go(+1))
+    options: Options = {"limits": limits, "settings": settings, "callback": callback}
+    leaving: Options = {**options, "tangent": start.tangent, "branching": start.branching}
+    go = _walks_from(problem, start.unknowns, tests, stop, unphysical, **leaving)
+    forward = keep_interrupted(partial(go, +1))
     if not forward.points:
         return forward.end
     first, closed = forward.points[:1], forward.end.kind is EndKind.CLOSED
     if not closed and mirrors_back(problem, start.unknowns, start.tangent, symmetry_of(problem)):
         backward = Walk(first, (), mirror_end(name, first[0]))
     elif start.both_ways or closed:
-        backward = other_way(forward, problem.parameter, lambda: go(-1))
+        backward = other_way(forward, problem.parameter, partial(go, -1))
         if not backward.points:
             backward = Walk(first, (), backward.end)
     else:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
@@ -17,7 +17,7 @@ from ..continuation.ends import End, EndKind
 from ..continuation.problem import EPSILON, Problem
 from ..continuation.settings import Settings
 from ..continuation.step import Backend, Batch, DenseBackend, Position
-from ..continuation.walk import Options, Stop, walk
+from ..continuation.walk import Options, Policy, walk
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.quiet import FreeQuietProblem
 from ..segments.compiling import note_uncompiled
@@ -38,19 +38,30 @@ LONGEST = 1e3
 HALVINGS = 200
 
 
-def bound_range(
-    problem: OrbitProblem, start: Array, limits: tuple[float, float]
-) -> tuple[float, float]:
-    """Return the part of a range around a start in which the period is bounded."""
-    low, high = (_nearest_limit(problem, start, limit) for limit in limits)
-    return low, high
+class LongestPeriod(Policy):
+    """Keeps a walk where the period is bounded, and says so where it ended for the period's
+    sake."""
+
+    def __init__(self, problem: OrbitProblem, start: Array) -> None:
+        self.problem, self.start = problem, start
+
+    def limits(self, limits: tuple[float, float]) -> tuple[float, float]:
+        self.asked = limits
+        low, high = (_nearest_limit(self.problem, self.start, limit) for limit in limits)
+        return low, high
+
+    def ended(self, walk: Walk[Linearisation]) -> Walk[Linearisation]:
+        end = walk.end
+        if end.kind is not EndKind.RANGE or end.value in self.asked:
+            return walk
+        times, name = f"{LONGEST:g}", self.problem.parameter
+        return replace(walk, end=End.of(EndKind.PERIOD, name, end.value, times=times))
 
 
 def _nearest_limit(problem: OrbitProblem, start: Array, limit: float) -> float:
     """The limit, or where the period is `LONGEST` times that at the start if it has none there."""
     inside, outside = float(start[-1]), limit
-    has_none = problem.free != 1 or problem.autonomous
-    if has_none or math.isfinite(_times(problem, start, limit)):
+    if problem.free != 1 or math.isfinite(_times(problem, start, limit)):
         return limit
     for _ in range(HALVINGS):
         middle = 0.5 * (inside + outside)
@@ -72,35 +83,28 @@ def _times(problem: OrbitProblem, start: Array, value: float) -> float:
     return ratio if ratio > 0.0 else math.inf
 
 
-def explain_period_end(
-    walk: Walk[Linearisation], problem: OrbitProblem, limits: tuple[float, float]
-) -> Walk[Linearisation]:
-    """Return a walk that says so where it ended for the period's sake."""
-    end = walk.end
-    if end.kind is not EndKind.RANGE or end.value in limits:
-        return walk
-    longer = End.of(EndKind.PERIOD, problem.parameter, end.value, times=f"{LONGEST:g}")
-    return replace(walk, end=longer)
+class PhysicalityEnd(Policy):
+    """Ends a walk a step behind the event that makes its orbits unphysical."""
 
-
-# Walks along physical orbits alone.
-
-
-class PhysicalityEnd:
-    """A `stop` of a walk, a step behind the event that makes its orbits unphysical, or where
-    `stop` says."""
-
-    def __init__(self, stop: Stop | None) -> None:
-        self.stop = stop
-
-    def __call__(self, point: Point, events: Sequence[Event]) -> tuple[End, Point] | None:
-        if self.stop is not None and (ended := self.stop(point, events)):
-            return ended
+    def accepted(self, point: Point, events: Sequence[Event]) -> tuple[End, Point] | None:
         here = point.evaluation
         if here.verdict.physical:
             return None
         about = here.problem.parameter, point.parameter
         return End.of(EndKind.UNPHYSICAL, *about, why=here.verdict.reason), point
+
+
+@dataclass(frozen=True)
+class StatusChanges(Policy):
+    """Explains by events what changes along a walk; see `explain_changes`."""
+
+    problem: OrbitProblem
+    tests: Sequence[TestFunction[Linearisation]]
+    settings: Settings
+    switched: bool
+
+    def ended(self, walk: Walk[Linearisation]) -> Walk[Linearisation]:
+        return explain_changes(self.problem, walk, self.tests, self.settings, self.switched)
 
 
 # Walks on which flights that are integrated may become too long to be computed as a whole.
@@ -136,6 +140,7 @@ def walk_orbits(
     tests: Sequence[TestFunction[Linearisation]] = (),
     gaps: bool = True,
     unphysical: bool = True,
+    policies: Sequence[Policy] = (),
     **options: Unpack[Options],
 ) -> Walk[Linearisation]:
     """As `contimpact.continuation.walk.walk`, for orbits: on a backend of their own.
@@ -144,22 +149,22 @@ def walk_orbits(
     number of unstable multipliers are explained by events; see `contimpact.bifurcations.status`.
     Without `unphysical` the walk ends where its orbits are unphysical.
     """
-    if not unphysical:
-        options["stop"] = PhysicalityEnd(options.get("stop"))
-    if problem.autonomous:
-        options["stop"] = FreePeriodEnds(problem, options.get("stop"))
-    backend = backend_of(problem, tests, gaps)
-    at, name = (problem, start, direction), problem.parameter
-    asked = options["limits"]
-    options["limits"] = bound_range(problem, start, asked)
-    found = walk(
-        *at, parameter=name, tests=tests, backend=backend, meeting=crossing_near, **options
+    policies = [*policies, *([] if unphysical else [PhysicalityEnd()])]
+    policies += [FreePeriodEnds(problem)] if problem.autonomous else [LongestPeriod(problem, start)]
+    if gaps:
+        settings, switched = options.get("settings"), options.get("tangent") is not None
+        policies.append(StatusChanges(problem, tests, settings or Settings(), switched))
+    return walk(
+        problem,
+        start,
+        direction,
+        tests=tests,
+        policies=policies,
+        parameter=problem.parameter,
+        backend=backend_of(problem, tests, gaps),
+        meeting=crossing_near,
+        **options,
     )
-    found = explain_period_end(found, problem, asked)
-    if not gaps:
-        return found
-    settings, switched = options.get("settings") or Settings(), options.get("tangent") is not None
-    return explain_changes(problem, found, tests, settings, switched)
 
 
 def backend_of(
@@ -211,18 +216,16 @@ LONG = 1.5
 """Factor by which a period has grown that grows without bound."""
 
 
-class FreePeriodEnds:
-    """What ends a walk along orbits of free period, as `stop` of `walk`, and what else ends it."""
+class FreePeriodEnds(Policy):
+    """What ends a walk along orbits of free period."""
 
-    def __init__(self, problem: OrbitProblem, stop: Stop | None) -> None:
-        self.problem, self.stop = problem, stop
+    def __init__(self, problem: OrbitProblem) -> None:
+        self.problem = problem
         self.before: Point | None = None
         self.shortest = np.inf
 
-    def __call__(self, point: Point, events: Sequence[Event]) -> tuple[End, Point] | None:
+    def accepted(self, point: Point, events: Sequence[Event]) -> tuple[End, Point] | None:
         before, self.before = self.before or point, point
-        if self.stop is not None and (ended := self.stop(point, events)):
-            return ended
         return self.comes_to_rest(before, point) or self.for_ever(before, point)
 
     def comes_to_rest(self, before: Point, point: Point) -> tuple[End, Point] | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from algebraic import Algebraic, follow
 from contimpact.continuation.branch import Event, TestFunction, UserFunction, join_walks
 from contimpact.continuation.ends import End, EndKind, Refusal, RefusalDetails
 from contimpact.continuation.settings import Settings
-from contimpact.continuation.walk import walk
+from contimpact.continuation.walk import Policy, walk
 
 EPSILON = float(np.finfo(float).eps)
 
@@ -256,15 +257,22 @@ def test_a_callback_without_a_value_does_not_stop():
     assert found.end.kind is EndKind.CLOSED
 
 
-def test_stop_sees_the_events_and_gives_the_end():
+def test_a_policy_sees_the_events_and_gives_the_end():
     calls = []
 
-    def stop(point, events):
-        calls.append((point, list(events)))
-        if any(event.kind == "FB" for event in events):
-            end = End.of(EndKind.KNOWN, "p", events[0].parameter, known="b1")
-            return end, events[0].point
-        return None
+    class AtFold(Policy):
+        def accepted(self, point, events):
+            calls.append((point, list(events)))
+            if any(event.kind == "FB" for event in events):
+                end = End.of(EndKind.KNOWN, "p", events[0].parameter, known="b1")
+                return end, events[0].point
+            return None
+
+        def limits(self, limits):
+            return limits[0], min(limits[1], 1.5)
+
+        def ended(self, walk):
+            return replace(walk, notes=[walk.end.kind.name])
 
     found = walk(
         circle(),
@@ -273,10 +281,11 @@ def test_stop_sees_the_events_and_gives_the_end():
         parameter="p",
         limits=(-2.0, 2.0),
         tests=[Turning()],
-        stop=stop,
+        policies=[Policy(), AtFold()],
     )
     assert found.end.kind is EndKind.KNOWN
     assert found.end.message == "met branch b1 at p = 1"
+    assert found.notes == ["KNOWN"]
     assert found.points[-1] is found.events[-1].point
     assert isinstance(found.events[-1], Event)
     assert [len(events) for _, events in calls] == [0] * (len(calls) - 1) + [1]

@@ -13,7 +13,7 @@ import pytest
 
 from contimpact.segments import compiling
 from contimpact.segments.kernels import Kernels
-from contimpact.storage import cache
+from contimpact.storage import files
 
 posix = pytest.mark.skipif(os.name != "posix", reason="POSIX permissions")
 as_root = pytest.mark.skipif(
@@ -26,7 +26,7 @@ FORGED = "raise SystemExit('executed')"
 def folder(tmp_path, monkeypatch):
     """A cache of its own; every warning is said."""
     monkeypatch.setenv("CONTIMPACT_CACHE", str(tmp_path / "cache"))
-    cache._warn.cache_clear()
+    files._warn.cache_clear()
     return tmp_path / "cache"
 
 
@@ -96,7 +96,7 @@ def test_what_belongs_to_somebody_else_is_not_used(folder, pair, caplog):
     assert "belongs to another user (number 12345)" in caplog.text
     assert path.stat().st_uid == 0  # written anew
     os.chown(folder, 12345, 12345)
-    assert cache.cache_folder() is None
+    assert files.cache_folder() is None
     assert f"{folder} belongs to another user" in caplog.text
 
 
@@ -129,7 +129,7 @@ def test_a_relative_folder_is_made_absolute(folder, tmp_path, monkeypatch, named
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a").mkdir()
     monkeypatch.setenv("CONTIMPACT_CACHE", named)
-    found = cache.cache_folder()
+    found = files.cache_folder()
     assert found.is_absolute()
     assert found.samefile(tmp_path / named)
 
@@ -138,7 +138,7 @@ def test_the_home_folder_is_known_by_its_sign(folder, tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("USERPROFILE", str(tmp_path))
     monkeypatch.setenv("CONTIMPACT_CACHE", "~/kernels")
-    assert cache.cache_folder() == tmp_path / "kernels"
+    assert files.cache_folder() == tmp_path / "kernels"
     assert not Path("~").exists()
 
 
@@ -166,9 +166,9 @@ def test_a_relative_folder_of_the_platform_is_passed_over(folder, tmp_path, monk
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("XDG_CACHE_HOME", "relative")
-    assert cache.cache_folder() == tmp_path / ".cache" / "contimpact"
+    assert files.cache_folder() == tmp_path / ".cache" / "contimpact"
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
-    assert cache.cache_folder() == tmp_path / "xdg" / "contimpact"
+    assert files.cache_folder() == tmp_path / "xdg" / "contimpact"
 
 
 @posix
@@ -197,6 +197,6 @@ def test_what_a_killed_process_left_in_the_cache_is_removed(folder, pair):
     )
     subprocess.run([sys.executable, "-c", code, folder / "kernel.py"], check=False)
     assert len(list(folder.glob(".*.tmp"))) == 2
-    cache._remove_leftovers.cache_clear()
-    cache.cache_folder()
+    files._remove_leftovers.cache_clear()
+    files.cache_folder()
     assert list(folder.glob(".*.tmp")) == []
