@@ -286,11 +286,10 @@ class _Expansion:
 # Where tubes end: neighbours have to hold the same orbit at their common node.
 #
 # Both test the hyperplane through the node to which the branch's direction there is normal, and
-# each
-# holds one orbit in it. That of a tube is in the other one's box if a bound of its distance from
-# the
-# node says so. That bound comes from the whole tube, and is too wide where branches cross nearby:
-# then an orbit is proven to lie near the node by Krawczyk's test there alone, in both boxes.
+# each holds one orbit in it. That of a tube is in the other one's box if a bound of its distance
+# from the node says so. That bound comes from the whole tube, and is too wide where branches cross
+# nearby: then an orbit is proven to lie near the node by Krawczyk's test there alone, in both
+# boxes.
 
 
 def meet(one: Tube | Birth, other: Tube) -> bool:

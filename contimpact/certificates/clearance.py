@@ -31,8 +31,7 @@ from .equations import BallProblem, Balls
 #
 # Guards on one coordinate are looked at together, and those on one surface once. Displacements are
 # counted from the guard left where that is on the coordinate, so that the gap to its surface is
-# zero
-# exactly when the flight leaves.
+# zero exactly when the flight leaves.
 
 
 @dataclass(frozen=True)

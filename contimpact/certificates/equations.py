@@ -95,9 +95,8 @@ class BallProblem(Equations):
 # .. math:: K = x - Y f(x) + (I - Y J)(X - x) .
 #
 # If K lies in the interior of X, there is exactly one zero of f in X, it lies in K, and f' is
-# regular
-# on X (Krawczyk 1969; Moore 1977; Neumaier, Interval Methods for Systems of Equations, 1990, ch.
-# 5).
+# regular on X (Krawczyk 1969; Moore 1977; Neumaier, Interval Methods for Systems of Equations,
+# 1990, ch. 5).
 
 Function: TypeAlias = Callable[[list[Any]], list[Any]]
 
@@ -208,12 +207,10 @@ def _smallest(space: BallProblem, system: Function, x: Balls, inverse: Any) -> B
 # Whether branches cross at a branch point: proven by the symmetry that makes them cross.
 #
 # The equations of a branch point, F + nu psi = 0, J^T psi = 0, \|psi\| = 1, have a solution nearby
-# if
-# branches only pass each other. They cross if nu is zero, which a ball never proves. But let S take
-# orbits to orbits of the same word, F(Sz) = S F(z): the mirror image, or the orbit begun some
-# periods
-# later. With (z, nu, psi) also (Sz, -nu, -S psi) is a solution; if that lies in the box in which
-# there is only one, it is the same, and nu = -nu.
+# if branches only pass each other. They cross if nu is zero, which a ball never proves. But let S
+# take orbits to orbits of the same word, F(Sz) = S F(z): the mirror image, or the orbit begun some
+# periods later. With (z, nu, psi) also (Sz, -nu, -S psi) is a solution; if that lies in the box in
+# which there is only one, it is the same, and nu = -nu.
 
 
 def crosses(space: BallProblem, box: Balls, inner: Balls) -> bool:

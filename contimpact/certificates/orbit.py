@@ -75,10 +75,9 @@ def limits(problem: OrbitProblem) -> list[Limit]:
 #
 # The multipliers are the roots of :math:`p(\mu) = \det C(\mu)`, the cyclic matrix with its last
 # coupling multiplied by mu: a polynomial whose degree is at most that of a block. If p has no zero
-# on
-# the circle, it winds around zero as many times as there are roots inside (the argument principle).
-# Where an impact comes to rest the highest coefficient vanishes, and may only be known to be small:
-# a multiplier is infinite there, or as good as that, and counts as one outside.
+# on the circle, it winds around zero as many times as there are roots inside (the argument
+# principle). Where an impact comes to rest the highest coefficient vanishes, and may only be known
+# to be small: a multiplier is infinite there, or as good as that, and counts as one outside.
 
 ARCS = 16
 DEEPEST = 12

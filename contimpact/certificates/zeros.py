@@ -24,12 +24,11 @@ from .tube import Model, Segment, Tube, coefficient, shift_polynomial
 # Test functions along a tube: functions of the flights that vanish at folds and period doublings.
 #
 # With two multipliers they are the polynomial :math:`b\mu^2 - c\mu + a` at 1 and -1, with the
-# product of impact speeds as a factor, so without poles. With more, the
-# cyclic matrix C(mu) is singular: its determinant is the test function, in orthogonal coordinates U
-# and V in which it is diagonal in the middle of the tube, its smallest singular value last.
-# Elimination gives it as a product of pivots, and divides by none but the last one; where another
-# one
-# may be zero, it is expanded by minors, without a division.
+# product of impact speeds as a factor, so without poles. With more, the cyclic matrix C(mu) is
+# singular: its determinant is the test function, in orthogonal coordinates U and V in which it is
+# diagonal in the middle of the tube, its smallest singular value last. Elimination gives it as a
+# product of pivots, and divides by none but the last one; where another one may be zero, it is
+# expanded by minors, without a division.
 
 Test: TypeAlias = Callable[[list[Flight]], Any]
 
@@ -139,8 +138,7 @@ def _determinant_by_minors(rows: list[list[Any]]) -> Any:
 # flight does not pass the wall elsewhere.
 #
 # A cell holds one touch at most if no matrix of the enclosed derivatives of gap and velocity by s
-# and
-# u is singular on it.
+# and u is singular on it.
 
 DEEPEST_TOUCH = 44
 """How often a flight and a tube are cut."""

@@ -90,8 +90,7 @@ def angle(one: Vector, other: Vector, scale: Vector) -> float:
 # Square linear systems: dense for short problems, sparse LU with partial pivoting for long ones.
 #
 # The matrices are cyclic chains of small blocks with a few full columns or rows. An elimination
-# along
-# the chain without pivoting would lose all digits where flights expand; SuperLU pivots.
+# along the chain without pivoting would lose all digits where flights expand; SuperLU pivots.
 
 DENSE_UP_TO = 400
 """Rows up to which dense elimination is the faster one, the conversion counted."""

@@ -42,9 +42,8 @@ from .step import (
 # Interruptions from the keyboard: what was walked until then is kept.
 #
 # A walk that is interrupted raises `WalkInterrupt`, a `KeyboardInterrupt` with what was walked.
-# Whoever
-# does not know it leaves as at any interruption; whoever makes a branch of walks catches it with
-# `keep_interrupted`.
+# Whoever does not know it leaves as at any interruption; whoever makes a branch of walks catches it
+# with `keep_interrupted`.
 
 T = TypeVar("T")
 
@@ -150,8 +149,7 @@ def separate_signs(zeros: Array, others: Array) -> Array:
 #
 # A problem may have images of its solutions that stand for the same one (an orbit's shifts by whole
 # periods). A walk that comes to an image of its start has come round if it goes on along the image
-# of
-# its own way; if it comes from the other side, it has turned back on its way, and has not.
+# of its own way; if it comes from the other side, it has turned back on its way, and has not.
 
 RETURNED = 1e-6
 """How near the values of test functions are that stand for the same one."""

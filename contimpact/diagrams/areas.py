@@ -117,8 +117,7 @@ class _Family:
 #
 # An area's polygons are those of GeoJSON: a ring of points around it, the last one the first,
 # counter-clockwise, and one around each of its holes, clockwise. Every edge of a ring is a part of
-# a
-# curve, of a side of the square, or of a vertical line where what happens below changes.
+# a curve, of a side of the square, or of a vertical line where what happens below changes.
 
 CHORD = 9e-7
 """How far the sides of polygons may depart from the splines of their curves, as part of the

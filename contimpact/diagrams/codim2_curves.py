@@ -159,13 +159,10 @@ def passes_through(entry: Entry, point: Codim2, curve: Curve) -> bool:
 # Curves that start at points of codimension two on other curves, or pass these.
 #
 # At a GPD the fold of the doubled orbit begins, at a G-FB the fold of the orbit with one impact
-# more,
-# at a PD-G the grazing of the doubled orbit, at R1 and R2 the curve of NS; the grazing of a PD-G
-# and
-# the fold of an FB-G are on curves of their own. (Through a cusp the one curve of both folds
-# passes.)
-# At such a point solutions cross or multipliers coincide, so that a curve is entered a little
-# beside.
+# more, at a PD-G the grazing of the doubled orbit, at R1 and R2 the curve of NS; the grazing of a
+# PD-G and the fold of an FB-G are on curves of their own. (Through a cusp the one curve of both
+# folds passes.) At such a point solutions cross or multipliers coincide, so that a curve is entered
+# a little beside.
 
 BESIDE = (0.05, 0.02, 0.005, 0.001)
 """How far beside the point a curve is entered, tried in turn; in the curve's metric."""

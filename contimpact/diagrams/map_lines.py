@@ -47,8 +47,7 @@ from .orbit_walks import walk_orbits
 # One-parameter runs across a map of curves: what the curves are started from and checked against.
 #
 # A run is at one value of the second parameter, for one member of the family: orbits of every word
-# of
-# the scene are looked for at several values of the first parameter, and their branches followed.
+# of the scene are looked for at several values of the first parameter, and their branches followed.
 
 SEARCHED = 6
 """Values of the first parameter at which a run looks for orbits, besides the scene's own."""
@@ -308,10 +307,9 @@ def _orbits(curve: Curve, problem: OrbitProblem) -> Array:
 # Near misses: where on a line what vanishes at an event comes nearest to zero, and turns back.
 #
 # A closed curve that no line crosses is seen from the lines beside it: the determinant of the
-# event,
-# or its gap, has an extremum there. From the extremum the orbit is followed across the line, and
-# along again where it comes nearest to zero on the way, until an event is met or nothing is nearer:
-# a descent to the extremum in both parameters, one coordinate at a time.
+# event, or its gap, has an extremum there. From the extremum the orbit is followed across the line,
+# and along again where it comes nearest to zero on the way, until an event is met or nothing is
+# nearer: a descent to the extremum in both parameters, one coordinate at a time.
 
 MOST_STEPS = 8
 """How often a descent turns at most."""

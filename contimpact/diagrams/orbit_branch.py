@@ -150,8 +150,7 @@ def _parameters(problem: OrbitProblem, free: Array) -> dict[str, Array]:
 #
 # The images of an orbit are its shifts by whole forcing periods and, where the model has one, its
 # mirror image. An orbit that is one of its own images is one of a shorter period, or a symmetric
-# one.
-# A branch of other orbits meets it at a branch point and goes on along its own image.
+# one. A branch of other orbits meets it at a branch point and goes on along its own image.
 
 Known = Callable[[OrbitProblem, Array], "str | None"]
 

@@ -117,8 +117,7 @@ def _changes(segment: Segment, model: Model, values: list[float]) -> Iterator[fl
 # Neither has the clock of such an orbit a phase. It is set such that the orbit closes at t = 0: the
 # first passage is at t_1 = -T, and no unknown is added. That passage is a Poincare section, so that
 # no other condition fixes the phase. The last flight arrives at t = 0, whatever the unknowns are;
-# its
-# column of t_1 vanishes (N = 3)::
+# its column of t_1 vanishes (N = 3)::
 #
 #     [ A1 B1      | L1 ]
 #     [    A2 B2   | L2 ]      B3' is B3 without its first column
@@ -126,8 +125,7 @@ def _changes(segment: Segment, model: Model, values: list[float]) -> Iterator[fl
 #
 # The multipliers are those of the section's return map, m - 1 of them. In their pencil the first
 # passage's time is held, and when the orbit returns is what follows: the first column is left out
-# of
-# A1, not of B3. The multiplier 1 of the flow's direction becomes a 0 in that place, and is left
+# of A1, not of B3. The multiplier 1 of the flow's direction becomes a 0 in that place, and is left
 # out.
 
 

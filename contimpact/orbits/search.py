@@ -111,8 +111,7 @@ def _roll_rows(rows: Array, shift: int) -> Array:
 #
 # Impact times are drawn at random; the section coordinates that fit them best follow from least
 # squares, since residuals are (close to) linear in them. Steps are shortened so that impacts stay
-# in
-# order.
+# in order.
 
 ITERATIONS = 25
 

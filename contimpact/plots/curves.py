@@ -87,9 +87,8 @@ def _off_chord(points: Array) -> Array:
 # Areas of a map of two parameters: tinted by what ends the stable orbits in them.
 #
 # The tint is the colour of the curve at which the stable orbit ends. Areas are hatched by kind,
-# those
-# of a second bifurcation of a kind the other way, so that they are told without colours too, and
-# crossed where several orbits are stable. White is where none is.
+# those of a second bifurcation of a kind the other way, so that they are told without colours too,
+# and crossed where several orbits are stable. White is where none is.
 
 TINT, DARKEST = 0.28, 0.84
 """Share of a curve's colour in the area of the orbits that end at it, and the shade than which none

@@ -38,8 +38,7 @@ from .tables import (
 # From recorded numbers back to orbits: rows of tables, entries of catalogues, their files.
 #
 # A record holds the system's name, its options and all parameters, the word and its impacts. With
-# the
-# system's formulas that is an orbit again; that it solves them is checked.
+# the system's formulas that is an orbit again; that it solves them is checked.
 
 SOLVED = 1e-6
 """A larger residual belongs to another model."""

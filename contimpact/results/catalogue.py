@@ -66,8 +66,7 @@ T = TypeVar("T")
 # What a result folder holds, read back: entries, branches and curves.
 #
 # Files may be damaged, or made by somebody else. Records have to fit what they become, tables have
-# to
-# have the columns and the number of rows that their records name; anything else is refused.
+# to have the columns and the number of rows that their records name; anything else is refused.
 
 BRANCH = "contimpact.branch/1"
 CURVE = "contimpact.curve/1"

@@ -99,8 +99,7 @@ def direction_text(parameter: str, rising: bool) -> str:
 # Output voltages of the energy harvester on orbits: of each impact, and their means.
 #
 # The voltage of one impact is `contimpact.systems.membrane`'s affair. Means are equations (9) of
-# the
-# paper on vibro-impact pairs.
+# the paper on vibro-impact pairs.
 
 
 @dataclass(frozen=True, eq=False)

@@ -77,8 +77,7 @@ _COLUMNS = re.compile(
 #
 # A name is any text of one line. Its folder is the name itself, with what not every file system can
 # hold in it as ``%`` and two hexadecimal digits for each byte, as in addresses: no two names have
-# one
-# folder. Names that would be too long so are cut, and end with a digest of the whole.
+# one folder. Names that would be too long so are cut, and end with a digest of the whole.
 
 LONGEST_NAME = 200
 """Bytes of a name in UTF-8, and of a folder."""
@@ -187,8 +186,7 @@ def _key(lines: list[str], number: int) -> str:
 # Systems of the user's own, from Python files that are named on the command line.
 #
 # A scene is data and never names code: which file is run is the explicit choice of the one who
-# gives
-# the command.
+# gives the command.
 
 DEFINE = "define a subclass of Model in it, with SYSTEM, PARAMETERS, WALLS and formulas"
 

@@ -26,14 +26,11 @@ from .transients import HIGHEST, MOTIONS, TABLES, TOGETHER
 #
 # exactly but for rounding (Griewank and Walther, Evaluating Derivatives, 2008, ch. 13). The
 # coefficients are numbers of another arithmetic: floats, many digits, or numbers that write down
-# what
-# is done with them (recorded programs). The whole number 0 stands for a coefficient that vanishes
-# whatever
-# the arguments, and costs nothing.
+# what is done with them (recorded programs). The whole number 0 stands for a coefficient that
+# vanishes whatever the arguments, and costs nothing.
 #
 # Of some functions fewer derivatives are known. Their series are shorter, and so are those of what
-# is
-# made from them.
+# is made from them.
 
 
 class Series:

@@ -582,17 +582,15 @@ class Automaton:
 # It acts on disturbances of (time, section coordinates). Between two impacts it is :math:`-B^{-1}A`
 # with the blocks of the segment. Where walls are held, or released, it is put together from the law
 # of the constrained mode: the disturbance that the jump leaves, at a fixed time, what the flow
-# makes
-# of it, and the time by which the event's function h comes earlier or later,
+# makes of it, and the time by which the event's function h comes earlier or later,
 #
 # .. math:: \delta X^+ = \frac{\partial X^+}{\partial y}\,\delta y - f^+\,\delta t, \qquad
 #           \delta t_1 = -\frac{\nabla h \cdot \delta X}{\nabla h \cdot f}, \qquad
 #           \delta X_1 = \delta X + f\,\delta t_1 ,
 #
 # which is the saltation matrix of the event (R. I. Leine and H. Nijmeijer, Dynamics and
-# Bifurcations
-# of Non-Smooth Mechanical Systems, 2004, ch. 7). A wall that comes to be held projects the
-# disturbance onto its surface.
+# Bifurcations of Non-Smooth Mechanical Systems, 2004, ch. 7). A wall that comes to be held projects
+# the disturbance onto its surface.
 
 
 def derivative_between(automaton: Automaton, before: State, after: State) -> Array:

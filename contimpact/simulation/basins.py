@@ -307,8 +307,7 @@ def _is_released_as(attractor: Attractor, run: Run) -> bool:
 #
 # An attractor lies on a branch if the branch has its word and period and, solved for at the
 # attractor's parameter value from the neighbouring points, its velocities and phases. The branch
-# says
-# what it is; the simulation, which shares no solver with it, says that it is there.
+# says what it is; the simulation, which shares no solver with it, says that it is there.
 
 MATCH = 1e-7
 """An attractor whose velocities and phases are this near to a branch's orbit lies on it."""

@@ -91,8 +91,7 @@ def attractor_voltages(membrane: Membrane, attractor: Attractor) -> Energy:
 # .. math:: E = \frac{1 - r^2}{2}\,\frac{(n \cdot v)^2}{n \cdot M^{-1}n}
 #
 # (B. Brogliato, Nonsmooth Mechanics, 2016, sec. 4.3). For one degree of freedom it is that of a
-# unit
-# of mass, unless the system says what moves.
+# unit of mass, unless the system says what moves.
 
 
 @dataclass(frozen=True, eq=False)

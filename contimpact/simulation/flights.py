@@ -33,8 +33,7 @@ from .run import Body, State
 # Linear motion of a mode, with guards against which the machine rests.
 #
 # A guard that is held keeps its gap coordinate :math:`n \cdot x` where it is. Its reaction acts
-# along
-# the direction in which an impact there changes the velocities,
+# along the direction in which an impact there changes the velocities,
 #
 # .. math:: w = \frac{v - v^+}{n \cdot (v - v^+)}, \qquad n \cdot w = 1,
 #
@@ -44,10 +43,8 @@ from .run import Body, State
 # .. math:: a - W\lambda, \qquad \lambda = (NW)^{-1} N a .
 #
 # The constrained mode is thus a linear law again. A contact pushes as long as its :math:`\lambda`
-# has
-# the sign of the guard's side, and is released where that changes (B. Brogliato, Nonsmooth
-# Mechanics,
-# 2016, ch. 5).
+# has the sign of the guard's side, and is released where that changes (B. Brogliato, Nonsmooth
+# Mechanics, 2016, ch. 5).
 
 AT_ONCE = 1e-12
 """A contact that pulls by this part of the sizes of its terms pulls by rounding."""
@@ -341,8 +338,7 @@ def keeps_clear(x: Array, low: float, high: float) -> bool:
 # A flight is looked at in windows, one after the other. In each every gap coordinate is known as a
 # displacement, with the times between which its acceleration has one sign; `segments.flight` then
 # finds its first arrival with certainty. Linear flights are polynomials in pieces and start
-# anywhere;
-# others are answered by the model's kernels and start at a guard.
+# anywhere; others are answered by the model's kernels and start at a guard.
 
 Coordinate: TypeAlias = tuple[Motion, list[float], float]
 """A gap coordinate in a window: its displacement, velocity and acceleration, the times between

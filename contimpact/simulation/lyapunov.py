@@ -34,11 +34,9 @@ from .simulator import Simulator
 # By how much flights contract: determinants of the derivative of the map, by logarithms.
 #
 # Where flights are strongly damped all entries of the derivative are rounding, and its determinant
-# is
-# lost. Of linear flights it is known without them (Liouville): a flight of duration t multiplies
+# is lost. Of linear flights it is known without them (Liouville): a flight of duration t multiplies
 # volumes of states by :math:`e^{-t\,\mathrm{tr}\,M^{-1}C}`, an impact by the determinant of its
-# law;
-# through the surfaces of the guards they pass with the velocities of the gap coordinates,
+# law; through the surfaces of the guards they pass with the velocities of the gap coordinates,
 #
 # .. math:: \ln|\det D| = \ln\Bigl|\frac{\dot g_1^+}{\dot g_2}\,
 #           \det\frac{\partial v_1^+}{\partial v_1}\Bigr| - t\,\mathrm{tr}\,M^{-1}C .

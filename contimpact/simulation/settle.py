@@ -37,9 +37,8 @@ from .simulator import Simulator, as_simulator, free_motion, state_after
 #
 # where E bounds the errors of the derivative's entries, and y and x are the left and the right
 # eigenvector (Golub and Van Loan, Matrix Computations, 2013, sec. 7.2); and by no less than errors
-# of
-# random signs move it, which matters where they are larger than what separates eigenvalues. If one
-# multiplier alone is lost, it is what the determinant leaves.
+# of random signs move it, which matters where they are larger than what separates eigenvalues. If
+# one multiplier alone is lost, it is what the determinant leaves.
 
 NEGLIGIBLE = 1e-9
 """An error below this part of a multiplier is none."""

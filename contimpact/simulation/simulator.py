@@ -477,9 +477,8 @@ def _rows(*columns: Any) -> Array:
 # Motions that meet no guard: the periodic motion they settle on, as it passes the section t = 0.
 #
 # A linear mode has one, the fixed point of its map over a forcing period, if that contracts. Of
-# other
-# flights of one coordinate the motion itself is looked at, after as many periods as a flight may
-# last.
+# other flights of one coordinate the motion itself is looked at, after as many periods as a flight
+# may last.
 
 CONTRACTS = 1.0 - 1e-9
 """A map contracts if its multipliers are below this; undamped they are one within rounding."""

@@ -126,10 +126,8 @@ def _row(simulators: Simulators, before: Row, value: float, settling: Settling) 
 # PD, G with one or more impacts added, PD_G from an orbit of period pT, TG from complex motion, and
 # FB. The last attractor before the change decides, since a multiplier is near 1 at a fold and a
 # flight is near a wall at a grazing, together with what follows: a period doubling is one only if
-# the
-# doubled orbit follows. A multiplier of -1 without it, as at a subcritical doubling, has no name;
-# the
-# observation is recorded as evidence.
+# the doubled orbit follows. A multiplier of -1 without it, as at a subcritical doubling, has no
+# name; the observation is recorded as evidence.
 
 REACH = 3.0
 """Steps beyond the bracket within which the line of a quantity has to vanish to tell the kind."""

@@ -330,9 +330,8 @@ def _is_left_over(path: Path, machine: str, pid: str, start: str) -> bool:
 #
 # The lock is a file in the folder. Where the system has locks on files, it is held by one of these,
 # which ends with its process however that ends; the file's content only says who holds it.
-# Elsewhere
-# the content decides: a lock is stale if its process has ended, told from a later process of the
-# same number by when it started.
+# Elsewhere the content decides: a lock is stale if its process has ended, told from a later process
+# of the same number by when it started.
 
 try:
     import fcntl

@@ -37,8 +37,7 @@ if TYPE_CHECKING:
 # Quantities of a study's scenes that maps show: a number or a name for each scene.
 #
 # Most are read from the *main* stable orbit of a notation: of all branches with stable orbits that
-# on
-# which they reach the largest value of the derived parameter (of the followed one where there is
+# on which they reach the largest value of the derived parameter (of the followed one where there is
 # none). It ends where the last of its intervals of stability does as that value falls; "as the
 # parameter falls" is said of that value, too.
 
