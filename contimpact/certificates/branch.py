@@ -119,11 +119,6 @@ class Findings:
         self.unproven.append(piece)
         self.open_length += segment.length
 
-    def open_at(self, segment: Segment, what: str) -> None:
-        """Note a segment on which no tube is proven."""
-        self.tubes.append((segment, None))
-        self.leave_open(segment, what)
-
     def name_crossings(self, values: Mapping[str, float]) -> None:
         """Say of pieces without a tube which branch points lie there: no tube leads through one."""
         for i, piece in enumerate(self.unproven):
@@ -167,7 +162,8 @@ class Examination:
     def account(self, segment: Segment, tube: Tube | None, depth: int = 0) -> None:
         """Search a tube; without one, note that nothing is proven there."""
         if tube is None:
-            self.found.open_at(segment, self.budget.message if self.budget.spent else NO_TUBE)
+            self.found.tubes.append((segment, None))
+            self.found.leave_open(segment, self.budget.message if self.budget.spent else NO_TUBE)
             return
         self.examine(segment, tube, depth)
 

@@ -96,14 +96,6 @@ def walls_met(space: BallProblem, flight: int) -> list[Guard]:
     return [one.guard for coordinate in coordinates_of(space, flight) for one in coordinate.met]
 
 
-def reachable_guard(
-    space: BallProblem, flight: int, wall: str
-) -> tuple[Coordinate, ReachableGuard]:
-    """Return a guard that a flight can meet, and its gap coordinate."""
-    found = ((c, one) for c in coordinates_of(space, flight) for one in c.met)
-    return next((c, one) for c, one in found if one.guard.name == wall)
-
-
 def _can_meet(problem: OrbitProblem, left: int, guard: int) -> bool:
     through = problem.model.WALLS[guard].past
     return problem.kernels.passages.watched[left][guard] and not through
@@ -193,7 +185,8 @@ class Gap:
             begin = arb(0) if touch is None else (touch - BEFORE * self.duration).mid()
             self.begin = self.late = begin
         self.touch = None if touch is None else touch - self.begin
-        self.coordinate, self.met = reachable_guard(space, flight, wall)
+        found = ((c, one) for c in coordinates_of(space, flight) for one in c.met)
+        self.coordinate, self.met = next((c, one) for c, one in found if one.guard.name == wall)
         self.side = self.met.guard.side
         self.distance = self.coordinate.distance(self.met, space.setup(self.values).walls)
 

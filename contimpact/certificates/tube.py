@@ -288,7 +288,10 @@ class _Test:
             if (image < half).all():
                 for _ in range(3):
                     image = np.minimum(image, round_up(self.offset + round_up(defect @ image)))
-                return self._accepted(half, image, defect, near, over)
+                factor = float(np.max(round_up(round_up(defect @ half) / half)))
+                ends = tuple(self._shrunk(self._at_node(u), half, factor) for u in (-1, 1))
+                rate = self._shrunk(self._rate(half, near, over), half, factor)
+                return Tube(self.segment, half, image, (ends[0], ends[1]), rate)
             tries[1:] = [2.0 * image] * (len(tries) - 1)
         return None
 
@@ -305,15 +308,6 @@ class _Test:
         product = _times(self.inverse, matrices)
         product[0] -= arb_mat([[int(i == j) for j in range(self.n + 1)] for i in range(self.n + 1)])
         return range_of(product).reshape(self.n + 1, self.n + 1)
-
-    def _accepted(
-        self, half: Array, inner: Array, defect: Array, near: list[Flight], over: list[Flight]
-    ) -> Tube:
-        """The tube, with bounds of w at its nodes and of w'."""
-        factor = float(np.max(round_up(round_up(defect @ half) / half)))
-        ends = tuple(self._shrunk(self._at_node(u), half, factor) for u in (-1, 1))
-        rate = self._shrunk(self._rate(half, near, over), half, factor)
-        return Tube(self.segment, half, inner, (ends[0], ends[1]), rate)
 
     @staticmethod
     def _shrunk(offset: Array, half: Array, factor: float) -> Array:

@@ -50,7 +50,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if sys.stdout is not None:
                 sys.stdout.flush()
     except OSError as error:  # what is printed reaches nobody: a closed pipe, a full disk
-        _close_output()
+        with contextlib.suppress(OSError, ValueError):  # what is buffered is discarded
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if not isinstance(error, BrokenPipeError):
             with contextlib.suppress(OSError):
                 say(f"contimpact: {error.strerror or error}", sys.stderr)
@@ -73,12 +74,6 @@ def _status(arguments: Sequence[str] | None) -> int:
     except KeyboardInterrupt:
         complain("interrupted")
         return 1
-
-
-def _close_output() -> None:
-    """Discard what is still buffered, so that the interpreter does not try to write it again."""
-    with contextlib.suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def parser() -> argparse.ArgumentParser:

@@ -353,21 +353,15 @@ def _draw_curve(ax: Any, curve: Curve, panel: Panel, colour: str) -> None:
         ax.plot(x[piece], y[piece], color=colour, linestyle=style, linewidth=width)
 
 
-def _draw_region(ax: Any, region: Region, keys: Sequence[Key], lane: int) -> None:
-    """A band along the x axis in the colour of what comes first, one over another by orbit; half as
-    high if unconfirmed."""
-    key = next(k for k in keys if k.label == region.first and k.notation == region.notation)
-    low, height = 0.04 * lane, 0.015 if region.said else 0.03
-    look = {"facecolor": colour_of(key, keys), "hatch": kind_of(key.kind).look.hatch, **BAND}
-    ax.axvspan(region.low, region.high, ymin=low, ymax=low + height, **look)
-
-
 def _draw_regions(
     ax: Any, panel: Panel, keys: Sequence[Key], checks: Sequence[Check]
 ) -> list[Region]:
     found = regions(panel.curves, panel.along, checks)
     for region, lane in zip(found, lanes(found), strict=True):
-        _draw_region(ax, region, keys, lane)
+        key = next(k for k in keys if k.label == region.first and k.notation == region.notation)
+        low, height = 0.04 * lane, 0.015 if region.said else 0.03
+        look = {"facecolor": colour_of(key, keys), "hatch": kind_of(key.kind).look.hatch, **BAND}
+        ax.axvspan(region.low, region.high, ymin=low, ymax=low + height, **look)
     return found
 
 

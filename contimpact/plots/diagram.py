@@ -68,14 +68,9 @@ class Figure(matplotlib.figure.Figure):
     """A figure that is its own picture in Jupyter."""
 
     def _repr_png_(self) -> bytes:
-        return png_of(self)
-
-
-def png_of(figure: Any, dots: float = DOTS) -> bytes:
-    """Return a figure as PNG."""
-    content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=dots)
-    return content.getvalue()
+        content = io.BytesIO()
+        self.savefig(content, format="png", dpi=DOTS)
+        return content.getvalue()
 
 
 NEUTRAL = "h"

@@ -98,7 +98,10 @@ def draw_labels(ax: Any, entries: Sequence[Entry], x: str) -> int:
 
 def _labels(entries: Sequence[Entry], x: str) -> list[Label]:
     """The labels of events, each text and value once, those that tell most first."""
-    named = _kinds_on_several_orbits(entries)
+    orbits: dict[str, set[str]] = {}
+    for entry in entries:
+        orbits.setdefault(entry.kind, set()).add(entry.notation)
+    named = {kind for kind, names in orbits.items() if len(names) > 1}
     found: dict[tuple[str, float], Label] = {}
     for e in entries:
         text, value = label_text(e, e.kind in named), e.parameters[x]
@@ -115,14 +118,6 @@ def _merge_labels(labels: Sequence[Label], near: float) -> list[Label]:
         if not any(label.text == k.text and abs(label.value - k.value) < near for k in kept):
             kept.append(label)
     return kept
-
-
-def _kinds_on_several_orbits(entries: Iterable[Entry]) -> set[str]:
-    """Kinds of events that are found on orbits of several notations."""
-    orbits: dict[str, set[str]] = {}
-    for entry in entries:
-        orbits.setdefault(entry.kind, set()).add(entry.notation)
-    return {kind for kind, names in orbits.items() if len(names) > 1}
 
 
 def _limits(ax: Any, width: float) -> tuple[float, float]:

@@ -33,7 +33,9 @@ def plot_report(data: Mapping[str, Any], ax: Any = None, *, against: str = "seco
             _draw_method(ax, method["name"], rows, against, k)
     ax.set_xscale("log")
     ax.set_yscale("log")
-    _label_decades(ax)
+    low, high = ax.get_xlim()
+    ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0) if high < 100.0 * low else (1.0,)))
+    ax.xaxis.set_minor_formatter(NullFormatter())
     evaluations = "kernel evaluations (shooting: of the equations of motion)"
     ax.set_xlabel("seconds for the branch" if against == "seconds" else evaluations)
     ax.set_ylabel("largest error of impact times and velocities")
@@ -44,13 +46,6 @@ def plot_report(data: Mapping[str, Any], ax: Any = None, *, against: str = "seco
     ax.grid(True, which="major", color="0.92", linewidth=0.6)
     ax.set_axisbelow(True)
     return ax
-
-
-def _label_decades(ax: Any) -> None:
-    """Label powers of ten; where there are few, three times these as well."""
-    low, high = ax.get_xlim()
-    ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0) if high < 100.0 * low else (1.0,)))
-    ax.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _draw_method(

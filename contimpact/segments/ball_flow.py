@@ -180,7 +180,7 @@ def _series(a: Blocks, terms: int) -> Blocks:
     total: Blocks | None = None
     for first in reversed(range(0, terms, step)):
         part = _combine(
-            powers, [_inverse_factorial(j) for j in range(first, min(first + step, terms))]
+            powers, [1 / arb(math.factorial(j)) for j in range(first, min(first + step, terms))]
         )
         total = part if total is None else add(part, product(total, powers[step]))
     assert total is not None
@@ -192,10 +192,6 @@ def _combine(powers: Sequence[Blocks], factors: Sequence[Number]) -> Blocks:
     for power, factor in zip(powers[1:], factors[1:], strict=False):
         total = add(total, scale(power, factor))
     return total
-
-
-def _inverse_factorial(j: int) -> Number:
-    return 1 / arb(math.factorial(j))
 
 
 def _left_out_added(a: Blocks, bound: Number) -> Blocks:
@@ -219,15 +215,10 @@ def flow(d: int, h: int, directions: int, dt: Number, *numbers: Number) -> Entri
     shape = Shape(d, h, directions)
     time, given = number(dt), [number(x) for x in numbers]
     length = max([x.prec for x in (time, *given) if isinstance(x, arb_series)], default=1)
-    varying = length if any(_varies(x) for x in given) else 1
+    varying = length if any(isinstance(x, arb_series) and x.length() > 1 for x in given) else 1
     orders = [[_coefficient(x, j) for x in given] for j in range(varying)]
     motion = _Motion(shape, orders, constant(time), length + 2)
     return Entries(motion, time, length)
-
-
-def _varies(x: Number) -> bool:
-    """Whether a number has higher coefficients: its powers then have all of them."""
-    return isinstance(x, arb_series) and x.length() > 1
 
 
 def _coefficient(x: Number, j: int) -> Number:

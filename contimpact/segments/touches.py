@@ -153,7 +153,9 @@ def interior_touches(
             ends = places[wall], places[walls[(k + 1) % len(walls)]]
             if kernels.integrated(wall):
                 letters = wall, walls[(k + 1) % len(walls)]
-                motions = integrated_flight(kernels, letters, leave, arrive, length, values)
+                track = track_between(kernels, letters, leave, arrive, values, length)
+                curves = [track.along(row) for row in coordinates(kernels.model)]
+                motions = [(curve, curve.breaks()) for curve in curves]
             else:
                 other = linear_flight if kernels.linear(wall) else other_flight
                 motions = other(kernels, wall, leave, length, values)
@@ -214,20 +216,6 @@ def linear_flight(
 ) -> list[Seen]:
     """Return each of the `coordinates` on a linear flight."""
     track = track_of(kernels.law(wall)(*leave, *values), length)
-    curves = [track.along(row) for row in coordinates(kernels.model)]
-    return [(curve, curve.breaks()) for curve in curves]
-
-
-def integrated_flight(
-    kernels: Kernels,
-    ends: tuple[str, str],
-    leave: Sequence[float],
-    arrive: Sequence[float],
-    length: float,
-    values: Sequence[float],
-) -> list[Seen]:
-    """Return each of the `coordinates` on a flight that is integrated."""
-    track = track_between(kernels, ends, leave, arrive, values, length)
     curves = [track.along(row) for row in coordinates(kernels.model)]
     return [(curve, curve.breaks()) for curve in curves]
 
