@@ -27,10 +27,9 @@ from ..results.branch import Branch, Entry, model_at
 from ..schema import record
 from ..segments.kernels import Kernels
 from .birth import Birth, meet, prove_birth
-from .clearance import open_cells
 from .equations import BallProblem, Balls, prove_zero
 from .event import EventCertificate
-from .orbit import Limit, limits
+from .orbit import Limit, limits, open_cells
 from .tube import (
     Budget,
     Node,

@@ -17,8 +17,7 @@ from flint import arb, arb_mat, arb_series
 
 from ..bifurcations.equations import Flight, cyclic_matrix
 from .birth import Birth
-from .clearance import CUT, Coordinate, coordinates_of, open_cells
-from .orbit import characteristic
+from .orbit import CUT, Coordinate, characteristic, coordinates_of, open_cells
 from .tube import Model, Segment, Tube, coefficient, shift_polynomial
 
 # Test functions along a tube: functions of the flights that vanish at folds and period doublings.

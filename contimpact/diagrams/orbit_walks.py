@@ -149,6 +149,7 @@ def walk_orbits(
     number of unstable multipliers are explained by events; see `contimpact.bifurcations.status`.
     Without `unphysical` the walk ends where its orbits are unphysical.
     """
+    backend = backend_of(problem, tests, gaps)
     policies = [*policies, *([] if unphysical else [PhysicalityEnd()])]
     policies += [FreePeriodEnds(problem)] if problem.autonomous else [LongestPeriod(problem, start)]
     if gaps:
@@ -161,7 +162,7 @@ def walk_orbits(
         tests=tests,
         policies=policies,
         parameter=problem.parameter,
-        backend=backend_of(problem, tests, gaps),
+        backend=backend,
         meeting=crossing_near,
         **options,
     )
