@@ -52,6 +52,7 @@ from ..segments.compiling import CompiledProgram, load, mode, timed_plainly
 from ..segments.kernels import Kernels
 from ..segments.layout import Setup
 from ..segments.machine_code import Program
+from .orbit_functions import glue_steps
 from .orbit_walks import SwitchingBackend
 
 # An extended system with further free parameters, as a problem the continuer follows.
@@ -549,16 +550,6 @@ def observe_curve(
 
 # The program that takes steps along curves of one kind for any word of a model, for compiling.
 
-ENTRY = """
-def entry({fields}, options, state, scale, z, tangent, chord, work, rows):
-    curve = SystemVectors({fields})
-    vectors = (options, state, scale, z, tangent, chord, work, rows)
-    return take_steps(evaluate, newton_step, tangent_of_curve, observe_curve, curve, vectors)
-
-def any_setup(p):
-    return kernel_setup({p})
-"""
-
 
 def program_of(kernels: Kernels, variant: str) -> Program:
     """Return the program that takes steps along curves of any word of a model.
@@ -567,19 +558,10 @@ def program_of(kernels: Kernels, variant: str) -> Program:
     G.
     """
     program = Program({})
-    p = add_kernels(program, kernels, variant, "any")
-    evaluate = FUNCTIONS[variant][0]
-    called: list[Callable[..., object]] = [
-        take_steps,
-        newton_step,
-        tangent_of_curve,
-        observe_curve,
-        evaluate,
-    ]
-    named = {function.__name__: function for function in called}
-    text = EVALUATE[variant] + ENTRY.format(fields=", ".join(SystemVectors._fields), p=p)
-    program.glue(text, kernel_setup=kernels.setup, **named)
-    return program
+    add_kernels(program, kernels, variant, "any")
+    called = newton_step, tangent_of_curve, FUNCTIONS[variant][0], observe_curve
+    text, observe = EVALUATE[variant], observe_curve.__name__
+    return glue_steps(program, kernels, SystemVectors, text, *called, observe=observe)
 
 
 AT_ONCE = 8

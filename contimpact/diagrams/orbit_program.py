@@ -6,7 +6,6 @@ import ast
 import math
 
 from ..arrays import Vector
-from ..continuation.step import take_steps
 from ..orbits.block_cyclic import store, store_compiled
 from ..orbits.cyclic_chain import (
     ChainVectors,
@@ -26,6 +25,7 @@ from ..syntax import parse
 from .orbit_functions import (
     OrbitVectors,
     evaluate_cycle,
+    glue_steps,
     newton_step,
     observe_cycle,
     tangent_of_cycle,
@@ -227,15 +227,7 @@ def add_scratch_space(kernel: Kernel) -> Kernel:
     return kernel_of(kernel.__name__, text, f"<{kernel.__name__} with space>")
 
 
-ENTRY = """
-def entry({fields}, options, state, scale, z, tangent, chord, work, rows):
-    orbit = OrbitVectors({fields})
-    vectors = (options, state, scale, z, tangent, chord, work, rows)
-    return take_steps(evaluate, newton_step, tangent_of_cycle, observe, orbit, vectors)
-
-def any_setup(p):
-    return kernel_setup({p})
-
+OF_CYCLE = """
 def evaluate(orbit, z):
     return evaluate_cycle(any_flight, any_setup, orbit, z)
 
@@ -250,9 +242,8 @@ def program_of(kernels: Kernels, variant: str) -> Program:
     `variant` says how the zeros of the acceleration are found; see `segments.flight.variant_of`.
     """
     program = Program({store: store_compiled, row_of: row_of_compiled, flow: flow_compiled})
-    count = len(kernels.model.values)
+    count, walls = len(kernels.model.values), kernels.model.letters
     p = ", ".join(f"p[{i}]" for i in range(count))
-    walls = kernels.model.letters
     flights = {f"flight_{a}_{b}": kernels.flight(a, b) for a in walls for b in walls}
     ends = f"t0, v0, t1, v1, {p}"
     if any(kernels.linear(wall) for wall in walls):
@@ -260,26 +251,12 @@ def program_of(kernels: Kernels, variant: str) -> Program:
         ends += f", p[{count}:]"
     flight = choice("any_flight", "kind, t0, v0, t1, v1, p", "kind", list(flights), ends)
     program.glue(flight, **flights)
-    program.constant("OrbitVectors", OrbitVectors)
     add_excursions(program, kernels, variant, p)
-    called = (take_steps, newton_step, tangent_of_cycle, evaluate_cycle, observe_cycle)
-    named = {function.__name__: function for function in called}
-    fields = ", ".join(OrbitVectors._fields)
-    program.glue(ENTRY.format(fields=fields, p=p), kernel_setup=kernels.setup, **named)
-    return program
+    called = newton_step, tangent_of_cycle, evaluate_cycle, observe_cycle
+    return glue_steps(program, kernels, OrbitVectors, OF_CYCLE, *called)
 
 
-# The program that takes steps along a branch of any word of a linear machine, for compiling.
-
-CHAIN_ENTRY = """
-def entry({fields}, options, state, scale, z, tangent, chord, step_work, rows):
-    orbit = ChainVectors({fields})
-    vectors = (options, state, scale, z, tangent, chord, step_work, rows)
-    return take_steps(evaluate, chain_step, tangent_of_chain, observe, orbit, vectors)
-
-def any_setup(p):
-    return kernel_setup({p})
-
+OF_CHAIN = """
 def evaluate(orbit, z):
     return evaluate_chain(any_flight, any_setup, orbit, z)
 
@@ -306,10 +283,6 @@ def chain_program_of(kernels: Kernels) -> Program:
     laws = {f"law_{a}": kernels.law(a) for a in walls}
     start = ", ".join(f"s[{i}]" for i in range(m))
     program.glue(choice("any_law", "wall, s, p", "wall", list(laws), f"{start}, {p}"), **laws)
-    program.constant("ChainVectors", ChainVectors)
     program.constant("FollowedFlight", FollowedFlight)
-    called = (take_steps, chain_step, tangent_of_chain, evaluate_chain, observe_chain, follow_law)
-    named = {function.__name__: function for function in called}
-    fields = ", ".join(ChainVectors._fields)
-    program.glue(CHAIN_ENTRY.format(fields=fields, p=p), kernel_setup=kernels.setup, **named)
-    return program
+    called = chain_step, tangent_of_chain, evaluate_chain, observe_chain, follow_law
+    return glue_steps(program, kernels, ChainVectors, OF_CHAIN, *called)
