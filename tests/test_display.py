@@ -11,6 +11,7 @@ import sys
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from zoo import scene_table
 
 import contimpact as ci
 from contimpact.display import LINES, Summary, limit_lines, picture_of, table_of
@@ -23,15 +24,9 @@ QUICK = Settling(transient=20, periods=200, impacts=400)
 
 @pytest.fixture(scope="module")
 def diagram():
-    scene = {
-        "name": SCRIPT,
-        "model": {
-            "system": "impact-pair",
-            "parameters": {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.34},
-        },
-        "follow": {"parameter": "s", "range": [0.3, 0.4], "orbits": ["1:1"], "switch": ["G"]},
-        "detect": {"events": ["PD", "G"]},
-    }
+    scene = scene_table(
+        name=SCRIPT, follow={"range": [0.3, 0.4], "switch": ["G"]}, detect={"events": ["PD", "G"]}
+    )
     return ci.follow(ci.read_scene(scene))
 
 

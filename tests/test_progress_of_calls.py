@@ -5,20 +5,13 @@ from __future__ import annotations
 import math
 
 import pytest
+from zoo import scene_table
 
 import contimpact as ci
 from contimpact import telling
 from contimpact.results.options import Settling
 
-SCENE = {
-    "name": "pair",
-    "model": {
-        "system": "impact-pair",
-        "parameters": {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.34},
-    },
-    "follow": {"parameter": "s", "range": [0.3, 0.4], "orbits": ["1:1"]},
-    "detect": {"events": ["PD", "G"]},
-}
+SCENE = scene_table(name="pair", follow={"range": [0.3, 0.4]}, detect={"events": ["PD", "G"]})
 FEW = ci.Settings(max_points=150, step=0.002, max_step=0.002)
 QUICK = Settling(transient=20, periods=200, impacts=400)
 

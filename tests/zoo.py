@@ -45,26 +45,27 @@ def harmonic_pair(waves, **given):
     return ImpactPair(forcing=" + ".join(terms), **given)
 
 
-def scene(**changes):
-    """The scene of 1:1 at Fig. 7's parameters, with other values in its tables."""
+def scene_table(parameters=None, **tables):
+    """What a scene of 1:1 at Fig. 7's parameters asks for, with other values in its tables."""
     given = {
         "name": "t",
         "model": {
             "system": "impact-pair",
-            "parameters": {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.34},
+            "parameters": {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.34, **(parameters or {})},
         },
-        "follow": {
-            "parameter": "s",
-            "range": [0.08, 1.05],
-            "orbits": ["1:1"],
-            "switch": ["G", "PD"],
-            "depth": 2,
-        },
-        "detect": {"events": ["FB", "PD", "G"]},
+        "follow": {"parameter": "s", "range": [0.08, 1.05], "orbits": ["1:1"]},
     }
-    for table, values in changes.items():
-        given[table] = {**given.get(table, {}), **values}
-    return read_scene(given)
+    for name, values in tables.items():
+        own = given.get(name, {})
+        given[name] = {**own, **values} if isinstance(values, dict) else values
+    return given
+
+
+def scene(detect=None, follow=None, **changes):
+    """That scene, two switches deep."""
+    detect = {"events": ["FB", "PD", "G"], **(detect or {})}
+    follow = {"switch": ["G", "PD"], "depth": 2, **(follow or {})}
+    return read_scene(scene_table(detect=detect, follow=follow, **changes))
 
 
 SMALL = """

@@ -8,7 +8,7 @@ import tomllib
 
 import numpy as np
 import pytest
-from zoo import ROOT, SMALL
+from zoo import ROOT, SMALL, scene_table
 
 from contimpact.accuracy import report
 from contimpact.accuracy import report as long_words
@@ -174,16 +174,7 @@ def test_plot_on_given_axes(data, against):
 
 
 def test_repetitions_are_checked():
-    scene = read_scene(
-        {
-            "name": "x",
-            "model": {
-                "system": "impact-pair",
-                "parameters": {"beta": 0.5, "r": 0.3, "A": 5.0, "s": 0.34},
-            },
-            "follow": {"parameter": "s", "range": [0.3, 0.4], "orbits": ["1:1"]},
-        }
-    )
+    scene = read_scene(scene_table({"beta": 0.5}, name="x", follow={"range": [0.3, 0.4]}))
     with pytest.raises(InputError, match="repetitions"):
         module.report(scene, 0)
 

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from zoo import ROOT
+from zoo import ROOT, scene_table
 
 from contimpact import (
     InputError,
@@ -29,15 +29,7 @@ from contimpact.results.diagram import Diagram
 from contimpact.results.diagram_reading import read, stable_intervals
 
 FIG7 = ROOT / "branches" / "fig7" / "scene.toml"
-SMALL = {
-    "name": "small",
-    "model": {
-        "system": "impact-pair",
-        "parameters": {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.34},
-    },
-    "follow": {"parameter": "s", "range": [0.3, 0.4], "orbits": ["1:1"]},
-    "detect": {"events": ["PD", "G"]},
-}
+SMALL = scene_table(name="small", follow={"range": [0.3, 0.4]}, detect={"events": ["PD", "G"]})
 
 
 def small(**follow_keys):

@@ -12,7 +12,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from zoo import harmonic_pair
+from zoo import harmonic_pair, scene_table
 
 from contimpact.bifurcations.declarations import EVENTS
 from contimpact.bifurcations.registry import test_functions as make_tests
@@ -58,23 +58,18 @@ def random_diagram(seed):
     model = random_pair(rng)
     words = [str(word) for word in rng.choice(WORDS, 2, replace=False)]
     start = model.values["s"]
-    table = {
-        "name": f"random-{seed}",
-        "model": {
-            "system": "impact-pair",
-            "parameters": {"beta": 0.1, "r": 0.5, "A": 5, "s": start},
-        },
-        "follow": {
-            "parameter": "s",
+    table = scene_table(
+        {"beta": 0.1, "r": 0.5, "s": start},
+        name=f"random-{seed}",
+        follow={
             "range": [0.4 * start, 2.5 * start],
-            "orbits": ["1:1"],
             "switch": ["G", "PD", "BP"],
             "depth": 1,
             "max_branches": 8,
         },
-        "detect": {"events": list(EVENTS)},
-        "numerics": {"max_step": 0.1, "starts": 32, "rounds": 1},
-    }
+        detect={"events": list(EVENTS)},
+        numerics={"max_step": 0.1, "starts": 32, "rounds": 1},
+    )
     walls = [wall.name for wall in model.WALLS]
     scene = dataclasses.replace(
         read_scene(table), model=model, orbits=tuple(parse_word(word, walls) for word in words)

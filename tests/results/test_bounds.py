@@ -8,23 +8,14 @@ import re
 import time
 
 import pytest
-from zoo import ROOT, SMALL
+from zoo import ROOT, SMALL, scene_table
 
 from contimpact.errors import LONGEST_MESSAGE, InputError
 from contimpact.results.scene import load_scene, read_scene
 
 DOCS = ROOT / "docs"
 
-SCENE = {
-    "name": "bounds",
-    "model": {
-        "system": "impact-pair",
-        "parameters": {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.34},
-    },
-    "follow": {"parameter": "s", "range": [0.08, 1.05], "orbits": ["1:1"]},
-    "curves": {"parameter": "r", "range": [0.1, 0.9]},
-    "simulate": {},
-}
+SCENE = scene_table(name="bounds", curves={"parameter": "r", "range": [0.1, 0.9]}, simulate={})
 
 
 def documented():

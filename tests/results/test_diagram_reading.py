@@ -7,7 +7,7 @@ from itertools import groupby
 
 import numpy as np
 import pytest
-from zoo import ROOT
+from zoo import ROOT, scene_table
 
 from contimpact.continuation.ends import EndKind
 from contimpact.diagrams.explore import follow
@@ -112,21 +112,12 @@ def test_a_stable_grazing_onto_a_stable_orbit():
     """At beta = pi/18, r = 0.1 the grazing of 1:1 is supercritical: mechanism 1."""
     diagram = follow(
         read_scene(
-            {
-                "name": "m1",
-                "model": {
-                    "system": "impact-pair",
-                    "parameters": {"beta": "pi/18", "r": 0.1, "A": 5.0, "s": 0.45},
-                },
-                "follow": {
-                    "parameter": "s",
-                    "range": [0.2, 0.6],
-                    "orbits": ["1:1"],
-                    "switch": ["G"],
-                    "depth": 1,
-                },
-                "detect": {"events": ["FB", "PD", "G"]},
-            }
+            scene_table(
+                {"beta": "pi/18", "r": 0.1, "s": 0.45},
+                name="m1",
+                follow={"range": [0.2, 0.6], "switch": ["G"], "depth": 1},
+                detect={"events": ["FB", "PD", "G"]},
+            )
         )
     )
     grazing = next(e for e in diagram.entries if e.label == "G[1:1->2:1]")

@@ -9,6 +9,7 @@ import pickle
 
 import numpy as np
 import pytest
+from zoo import scene_table
 
 import contimpact as ci
 from contimpact import InputError
@@ -17,21 +18,11 @@ from contimpact.results.branch import model_at
 
 LIMITS = (0.08, 1.05)
 KINDS = ["FB", "PD", "G"]
-SCENE = {
-    "name": "pair",
-    "model": {
-        "system": "impact-pair",
-        "parameters": {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.34},
-    },
-    "follow": {
-        "parameter": "s",
-        "range": list(LIMITS),
-        "orbits": ["1:1"],
-        "switch": ["G", "PD"],
-        "depth": 2,
-    },
-    "detect": {"events": KINDS},
-}
+SCENE = scene_table(
+    name="pair",
+    follow={"range": list(LIMITS), "switch": ["G", "PD"], "depth": 2},
+    detect={"events": KINDS},
+)
 
 
 class OwnPair(ci.ImpactPair):

@@ -9,6 +9,7 @@ import tomllib
 
 import numpy as np
 import pytest
+from zoo import scene_table
 
 from contimpact.diagrams.explore import follow
 from contimpact.orbits.search import find_orbits
@@ -35,21 +36,11 @@ PD, G_DOUBLED, FB, G_21 = 0.383143488343, 0.365318559017, 0.356895277, 0.2790347
 @pytest.fixture(scope="module")
 def scene():
     return read_scene(
-        {
-            "name": "fig7",
-            "model": {
-                "system": "impact-pair",
-                "parameters": {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.34},
-            },
-            "follow": {
-                "parameter": "s",
-                "range": [0.25, 0.42],
-                "orbits": ["1:1"],
-                "switch": ["G", "PD"],
-                "depth": 2,
-            },
-            "detect": {"events": ["FB", "PD", "G"]},
-        }
+        scene_table(
+            name="fig7",
+            follow={"range": [0.25, 0.42], "switch": ["G", "PD"], "depth": 2},
+            detect={"events": ["FB", "PD", "G"]},
+        )
     )
 
 
