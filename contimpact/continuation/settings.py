@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
-import numbers
 from dataclasses import dataclass
 
 from ..errors import InputError, explain_arguments
-from ..schema import documented, key
+from ..schema import documented, fit, key, keys_of
 
 PREDICTORS = ("tangent", "secant")
 
@@ -38,19 +36,9 @@ class Settings:
     )
 
     def __post_init__(self) -> None:
-        for name in ("tolerance", "step", "min_step", "max_step", "max_angle"):
-            value = getattr(self, name)
-            number = isinstance(value, numbers.Real) and not isinstance(value, bool)
-            if not (number and math.isfinite(value) and value > 0.0):
-                raise InputError(name, f"found {value!r}", "give a positive number")
-        for name in ("max_iterations", "max_points"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not (isinstance(value, int) and value >= 1):
-                raise InputError(name, f"found {value!r}", "give a whole number >= 1")
-        if self.predictor not in PREDICTORS:
-            raise InputError(
-                "predictor", f"found {self.predictor!r}", f"accepted are {', '.join(PREDICTORS)}"
-            )
+        for field, hint, rule in keys_of(Settings):
+            value = fit(getattr(self, field.name), hint, field.name, rule)
+            object.__setattr__(self, field.name, value)
         if not self.min_step <= self.step <= self.max_step:
             found = f"min_step = {self.min_step}, step = {self.step}, max_step = {self.max_step}"
             raise InputError("step", found, "keep them in this order")

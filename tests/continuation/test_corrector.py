@@ -52,7 +52,7 @@ def test_default_settings_are_accepted_and_frozen():
 @pytest.mark.parametrize("name", ["tolerance", "step", "min_step", "max_step", "max_angle"])
 @pytest.mark.parametrize("value", [0.0, -0.1, math.inf, math.nan])
 def test_lengths_and_tolerances_must_be_positive_numbers(name, value):
-    with pytest.raises(InputError, match="positive number") as refused:
+    with pytest.raises(InputError, match=r"give a (finite )?number") as refused:
         Settings(**{name: value})
     assert refused.value.where == name
 
@@ -63,6 +63,16 @@ def test_counts_must_be_whole_numbers(name, value):
     with pytest.raises(InputError, match="whole number") as refused:
         Settings(**{name: value})
     assert refused.value.where == name
+
+
+def test_settings_are_refused_as_those_of_a_scene():
+    """Their bounds are those that the keys declare."""
+    with pytest.raises(InputError, match=r"give a number above 0, at most 0\.001") as refused:
+        Settings(tolerance=0.01)
+    assert refused.value.where == "tolerance"
+    with pytest.raises(InputError, match="a whole number from 1 to 1000"):
+        Settings(max_iterations=1001)
+    assert Settings(step="1/128").step == 1 / 128
 
 
 @pytest.mark.parametrize(
