@@ -202,7 +202,7 @@ ANSWERED = {
     "scene['q']": "scene has no parameter 'q'; it has beta",
     "ci.load('scene.toml')": "no such file",
     "ci.read_scene('scene.toml')": "load_scene reads a file",
-    "ci.new_scene(m)": "accepted are impact-pair",
+    "ci.new_scene(m)": "accepted are belt",
     "ci.certify(o)": "give a diagram, a branch, events, a scene, or a folder",
     "ci.plot('folder')": "as contimpact.load reads it",
     "ci.plot(m)": "there are pictures of branches, diagrams",

@@ -3,29 +3,30 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
+import pkgutil
+import re
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ..errors import InputError, did_you_mean, explain_arguments, short_repr
 from ..models.model import Model
 
-SYSTEMS = {
-    "impact-pair": "impact_pair:ImpactPair",
-    "oscillator": "oscillator:Oscillator",
-    "bouncing-ball": "bouncing_ball:BouncingBall",
-    "soft-stop": "soft_stop:SoftStop",
-    "soft-pair": "soft_pair:SoftPair",
-    "two-stops": "two_stops:TwoStops",
-    "two-masses": "two_masses:TwoMasses",
-    "coupled-by-impact": "coupled_by_impact:CoupledByImpact",
-    "impact-damper": "impact_damper:ImpactDamper",
-    "pendulum": "pendulum:Pendulum",
-    "duffing": "duffing:Duffing",
-    "belt": "belt:Belt",
-    "van-der-pol": "van_der_pol:VanDerPol",
-    "linear": "stated:LinearMachine",
-    "hybrid": "stated:HybridSystem",
-}
+_SYSTEM = re.compile(r'^class (\w+)\((?:.|\n(?!class ))*?\n    SYSTEM = "(.+)"', re.MULTILINE)
+
+
+def systems_in(folders: Iterable[str]) -> dict[str, str]:
+    """Return module and class of each system in the files of folders, by name; they are read, and
+    not imported."""
+    found = {}
+    for file in pkgutil.iter_modules(folders):
+        loader: Any = file.module_finder.find_spec(file.name, None).loader  # type: ignore[union-attr]
+        for kind, name in _SYSTEM.findall(loader.get_source(file.name)):
+            found[name] = f"{file.name}:{kind}"
+    return dict(sorted(found.items()))
+
+
+SYSTEMS = systems_in(__path__)
+"""Those of the package."""
 
 PLUGINS = "contimpact.systems"
 """The group of entry points by which other distributions offer systems: ``name = module:Class``."""

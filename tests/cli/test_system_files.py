@@ -64,7 +64,7 @@ def test_every_command_takes_a_system_file(folder, capsys):
 def test_without_it_the_scene_is_refused(folder, capsys):
     assert main(["check", "scene.toml"]) == 2
     error = capsys.readouterr().err
-    assert "no system 'my-ball'; accepted are impact-pair, oscillator" in error
+    assert "no system 'my-ball'; accepted are belt, bouncing-ball" in error
     assert "and a system of your own by --system FILE.py" in error
 
 
@@ -168,7 +168,7 @@ def test_a_plugin_is_a_system_like_the_packages_own(folder, plugin):
     assert system("my-ball").__module__ == "balls"
     assert main(["run", "scene.toml", "-o", "out", "-q", "--no-plot"]) == 0
     assert main(["plot", "out", "-o", "out.svg"]) == 0
-    with pytest.raises(InputError, match=r"accepted are impact-pair, oscillator, .*, my-ball, and"):
+    with pytest.raises(InputError, match=r"accepted are belt, bouncing-ball, .*, my-ball, and"):
         system("your-ball")
 
 

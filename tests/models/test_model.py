@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from contimpact.errors import InputError
-from contimpact.systems import SYSTEMS, system
+from contimpact.systems import SYSTEMS, system, systems_in
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
 
@@ -294,6 +294,18 @@ def test_systems_by_name():
     assert system("impact-pair") is ImpactPair
     assert system("oscillator") is Oscillator
     assert [system(name).SYSTEM for name in SYSTEMS] == list(SYSTEMS)
+
+
+def test_a_system_is_one_file(tmp_path):
+    """Whatever else is in the folder; a base class without a name is none."""
+    lines = [f'class {name}(Model):\n    """A {name}."""\n' for name in ("Base", "Swing", "Slide")]
+    text = "\n\n".join(
+        [lines[0], *(f'{a}\n    SYSTEM = "my-{i}"\n' for i, a in enumerate(lines[1:]))]
+    )
+    (tmp_path / "swings.py").write_text(text, encoding="utf-8")
+    (tmp_path / "data.py").write_text("class Data:\n    size = 3\n", encoding="utf-8")
+    found = systems_in([str(tmp_path)])
+    assert found == {"my-0": "swings:Swing", "my-1": "swings:Slide"}
 
 
 def test_no_such_system():
