@@ -455,6 +455,21 @@ class Symmetry:
     sign: float
 
 
+@dataclass(frozen=True)
+class Example:
+    """What a scene to start from asks of a system: see `contimpact.results.new_scene`."""
+
+    values: Mapping[str, float | str]
+    follow: tuple[str, float, float]
+    orbits: Sequence[str]
+    second: tuple[str, float, float]
+    """`follow`, `second`: the parameter of branches, and another one for curves, with ranges."""
+    model: str = ""
+    """Further lines of [model]."""
+    plot: tuple[str, str] = ('# y = "multipliers"', "velocities before impact otherwise")
+    """A line of [plot], and what it means."""
+
+
 class Model(ABC):
     """An impacting system at given parameter values.
 
@@ -485,8 +500,8 @@ class Model(ABC):
     parameter of one's own, and is then in `own`; `MEMBRANES`, whether impacts hit membranes of an
     energy harvester; `STATED`, whether scenes state the system themselves, as its option `machine`;
     `AUTONOMOUS`, whether it has no forcing; `GEOMETRY`, how the machine is drawn, None where
-    coordinates are no displacements. Any other system may be given the option
-    ``period="free"`` at values at which it has none.
+    coordinates are no displacements; `EXAMPLE`, from which ``contimpact new`` makes a scene. Any
+    other system may be given the option ``period="free"`` at values at which it has none.
     """
 
     SYSTEM: ClassVar[str]
@@ -504,6 +519,7 @@ class Model(ABC):
     STATED: ClassVar[bool] = False
     AUTONOMOUS: ClassVar[bool] = False
     GEOMETRY: ClassVar[Geometry | None] = Geometry()
+    EXAMPLE: ClassVar[Example | None] = None
 
     def __init_subclass__(cls, **given: Any) -> None:
         super().__init_subclass__(**given)

@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 from ..errors import InputError, short_repr
-from ..models.model import Formulas, Guard, Mode, Model, Parameter
+from ..models.model import Example, Formulas, Guard, Mode, Model, Parameter
 
 CONSTANT, WEAKENING = "constant", "weakening"
 
@@ -65,6 +65,12 @@ class Belt(Model):
         Parameter("V", "", "the velocity of the belt"),
         Parameter("mu_0", "", "the friction at rest", lower=0),
         Parameter("delta", "", "the weakening of friction", 0.0, lower=0),
+    )
+    EXAMPLE = Example(
+        {"a": 0.2, "omega": 1.3, "c": 0.1, "V": 0.3, "mu_0": 0.4},
+        ("V", 0.22, 0.5),
+        ["SP"],
+        ("mu_0", 0.3, 0.5),
     )
 
     def __init__(self, /, **given: Any) -> None:

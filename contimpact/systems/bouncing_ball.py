@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
-from ..models.model import Formulas, Geometry, Model, Parameter, Wall
+from ..models.model import Example, Formulas, Geometry, Model, Parameter, Wall
 
 
 class BouncingBall(Model):
@@ -40,6 +40,9 @@ class BouncingBall(Model):
         Parameter("omega", "", "the table's frequency", lower=0, above_lower=True),
         Parameter("r", "", "the restitution coefficient", lower=0, upper=1),
         Parameter("g", "", "gravity", lower=0, above_lower=True),
+    )
+    EXAMPLE = Example(
+        {"a": 0.014, "omega": 50.0, "r": 0.5, "g": 9.8}, ("a", 0.003, 0.02), ["1"], ("r", 0.1, 0.8)
     )
 
     def formulas(self, symbols: Mapping[str, Any]) -> Formulas:

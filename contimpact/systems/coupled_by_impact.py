@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..models.model import Formulas, Geometry, Model, Parameter, Wall
+from ..models.model import Example, Formulas, Geometry, Model, Parameter, Wall
 
 
 class CoupledByImpact(Model):
@@ -49,6 +49,13 @@ class CoupledByImpact(Model):
         Parameter("omega", "", "the forcing frequency", lower=0, above_lower=True),
         Parameter("gap", "", "the gap at rest"),
         Parameter("r", "", "the restitution coefficient", lower=0, upper=1),
+    )
+    EXAMPLE = Example(
+        {"m2": 2.0, "c1": 0.1, "c2": 0.2, "k1": 1.0, "k2": 2.0, "a1": 1.0, "omega": 1.3}
+        | {"gap": 0.2, "r": 0.7},
+        ("omega", 0.85, 1.5),
+        ["K"],
+        ("gap", 0.1, 0.4),
     )
 
     def formulas(self, symbols: Mapping[str, Any]) -> Formulas:

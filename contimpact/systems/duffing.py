@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ..models.model import Formulas, Geometry, Model, Parameter, Wall
+from ..models.model import Example, Formulas, Geometry, Model, Parameter, Wall
 
 
 class Duffing(Model):
@@ -46,6 +46,12 @@ class Duffing(Model):
         Parameter("beta", "", "the cubic stiffness"),
         Parameter("sigma", "", "the position of the stop"),
         Parameter("r", "", "the restitution coefficient", lower=0, upper=1),
+    )
+    EXAMPLE = Example(
+        {"a": 0.5, "omega": 1.4, "c": 0.1, "alpha": 1.0, "beta": 1.0, "sigma": 0.8, "r": 0.8},
+        ("omega", 0.8, 2.5),
+        ["0", "1"],
+        ("sigma", 0.6, 1.0),
     )
 
     def formulas(self, symbols: Mapping[str, Any]) -> Formulas:

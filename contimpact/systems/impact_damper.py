@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..models.model import Formulas, Geometry, Model, Parameter, Symmetry, Wall
+from ..models.model import Example, Formulas, Geometry, Model, Parameter, Symmetry, Wall
 
 
 class ImpactDamper(Model):
@@ -44,6 +44,12 @@ class ImpactDamper(Model):
         Parameter("r", "", "the restitution coefficient", lower=0, upper=1),
         Parameter("mu", "", "the mass ratio", lower=0),
         Parameter("zeta", "", "the damping ratio"),
+    )
+    EXAMPLE = Example(
+        {"Omega": 1.0, "d": 20.0, "r": 0.8, "mu": 0.1, "zeta": 0.01},
+        ("d", 10.0, 40.0),
+        ["RL"],
+        ("mu", 0.05, 0.2),
     )
 
     def symmetry(self, parameter: str, harmonics: Sequence[float]) -> Symmetry:

@@ -14,7 +14,17 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
-from ..models.model import Formulas, Geometry, Guard, Model, Parameter, Symmetry, Wall, mean_depends
+from ..models.model import (
+    Example,
+    Formulas,
+    Geometry,
+    Guard,
+    Model,
+    Parameter,
+    Symmetry,
+    Wall,
+    mean_depends,
+)
 
 State = Sequence[Any]
 """Positions or velocities, one for each degree of freedom."""
@@ -61,6 +71,13 @@ class ImpactPair(Model):
         Parameter("M", "kg", "the capsule mass", 0.1245, lower=0, above_lower=True),
         Parameter("omega", "rad/s", "the forcing frequency", 5 * math.pi, 0.0, above_lower=True),
         Parameter("g", "m/s^2", "gravity", 9.8, lower=0),
+    )
+    EXAMPLE = Example(
+        {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.34},
+        ("s", 0.2, 0.6),
+        ["1:1", "2:1"],
+        ("r", 0.1, 0.8),
+        plot=('x = "d"', "the dimensionless length"),
     )
 
     def symmetry(self, parameter: str, harmonics: Sequence[float]) -> Symmetry | None:

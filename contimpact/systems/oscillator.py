@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..errors import InputError
-from ..models.model import Formulas, Geometry, Model, Parameter, Wall
+from ..models.model import Example, Formulas, Geometry, Model, Parameter, Wall
 
 
 class Oscillator(Model):
@@ -42,6 +42,12 @@ class Oscillator(Model):
         Parameter("k", "", "the stiffness", lower=0, above_lower=True),
         Parameter("sigma", "", "the position of the stop"),
         Parameter("r", "", "the restitution coefficient", lower=0, upper=1),
+    )
+    EXAMPLE = Example(
+        {"a": 1.0, "omega": 1.0, "c": 0.1, "k": 1.0, "sigma": 1.0, "r": 0.8},
+        ("a", 0.05, 1.5),
+        ["0", "1"],
+        ("sigma", 0.5, 1.5),
     )
 
     def validate(self) -> None:

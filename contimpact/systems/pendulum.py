@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ..models.model import Formulas, Geometry, Model, Parameter, Wall
+from ..models.model import Example, Formulas, Geometry, Model, Parameter, Wall
 
 
 class Pendulum(Model):
@@ -40,6 +40,12 @@ class Pendulum(Model):
         Parameter("c", "", "the damping"),
         Parameter("sigma", "rad", "the angle of the stop"),
         Parameter("r", "", "the restitution coefficient", lower=0, upper=1),
+    )
+    EXAMPLE = Example(
+        {"a": 1.0, "omega": 0.8, "c": 0.1, "sigma": 1.0, "r": 0.8},
+        ("omega", 0.55, 1.0),
+        ["1"],
+        ("sigma", 0.8, 1.2),
     )
 
     def formulas(self, symbols: Mapping[str, Any]) -> Formulas:

@@ -39,7 +39,17 @@ from dataclasses import replace
 from typing import Any, ClassVar, Self, cast
 
 from ..errors import InputError, short_repr
-from ..models.model import Acceleration, Formulas, Guard, Harmonics, Jump, Mode, Parameter, Symmetry
+from ..models.model import (
+    Acceleration,
+    Example,
+    Formulas,
+    Guard,
+    Harmonics,
+    Jump,
+    Mode,
+    Parameter,
+    Symmetry,
+)
 from ..models.switching import ABOVE, BELOW, SLIDING, switching_guards, switching_modes
 from .impact_pair import ImpactPair
 from .membrane import Membrane
@@ -96,6 +106,13 @@ class SoftPair(ImpactPair):
         Parameter("m", "kg", "the ball's mass", Membrane().m, lower=0, above_lower=True),
         Parameter("nu", "", "the exponent of a membrane's force", 1.0, lower=1),
         Parameter("delta_0", "m", "the deflection of linear force", 1e-4, 0, above_lower=True),
+    )
+    EXAMPLE = Example(
+        {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.45, "k": 500.0},
+        ("s", 0.2, 0.6),
+        ["BbTt"],
+        ("k", 200.0, 2000.0),
+        plot=('x = "d"', "the dimensionless length"),
     )
 
     def __new__(cls, /, **given: Any) -> Self:

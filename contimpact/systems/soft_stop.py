@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..errors import InputError
-from ..models.model import Formulas, Geometry, Guard, Mode, Model, Parameter
+from ..models.model import Example, Formulas, Geometry, Guard, Mode, Model, Parameter
 
 
 class SoftStop(Model):
@@ -49,6 +49,12 @@ class SoftStop(Model):
         Parameter("e", "", "the position of the stop"),
         Parameter("k_b", "", "the stop's stiffness", lower=0),
         Parameter("c_b", "", "the stop's damping", lower=0),
+    )
+    EXAMPLE = Example(
+        {"a": 1.0, "omega": 2.0, "c": 0.1, "k": 1.0, "e": 0.5, "k_b": 20.0, "c_b": 0.3},
+        ("omega", 0.6, 2.0),
+        ["0"],
+        ("k_b", 5.0, 50.0),
     )
 
     def validate(self) -> None:

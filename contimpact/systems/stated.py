@@ -19,9 +19,22 @@ from typing import Any, ClassVar
 from ..errors import InputError
 from ..models.expressions import CONSTANTS, FUNCTIONS, names_in
 from ..models.machine import TIME, Machine, StatedGuard, StatedSystem, check_values, statement_of
-from ..models.model import Formulas, Geometry, Guard, Mode, Parameter, Wall
+from ..models.model import Example, Formulas, Geometry, Guard, Mode, Parameter, Wall
 from ..models.stated_modes import StatedGuard as ModeGuard
 from ..models.stated_modes import StatedMode, StatedModes, check_masses, usable_definitions
+
+_LINEAR = """\
+coordinates = ["x1", "x2"]           # M x'' + C x' + K x = f(t)
+mass        = ["m1", "m2"]           # matrices: a list of rows, or of the diagonal
+damping     = [["c", "-c"], ["-c", "c"]]
+stiffness   = [["k1 + k2", "-k2"], ["-k2", "k2"]]
+force       = ["a*cos(omega*t)", 0]  # expressions of t and the parameters
+period      = "2*pi/omega"           # of the forcing
+
+[model.guards]                       # rigid stops and impacts between bodies; a letter each
+A = { within = "x1 <= sigma", restitution = "r" }
+K = { within = "x2 - x1 <= gap", restitution = "r" }
+"""
 
 
 class LinearMachine(StatedSystem):
@@ -39,6 +52,14 @@ class LinearMachine(StatedSystem):
 
     SYSTEM = "linear"
     machine: ClassVar[Machine]
+    EXAMPLE = Example(
+        {"m1": 1.0, "m2": 0.5, "c": 0.1, "k1": 1.0, "k2": 0.6, "a": 1.0, "omega": 1.5}
+        | {"sigma": 1.0, "gap": 0.8, "r": 0.7},
+        ("omega", 1.2, 1.8),
+        ["A", "K"],
+        ("gap", 0.5, 1.2),
+        _LINEAR,
+    )
 
     @classmethod
     def attributes_of(cls, text: str) -> dict[str, Any]:
@@ -120,6 +141,37 @@ def _hit(guard: StatedGuard, i: int, velocity: Any, restitution: Any) -> Any:
     return -restitution * velocity if alone else None
 
 
+_HYBRID = """\
+period = "2*pi/omega"                # of the forcing
+
+[model.define]                       # names for expressions in laws and resets
+force = "a*cos(omega*t) - c*v - k*x"
+
+[model.modes.free]                   # rates of the state; a rate that is a variable is its velocity
+x = "v"
+v = "force"
+
+[model.modes.contact]                # other laws hold while the spring behind x = e is touched
+x = "v"
+v = "force - k_b*(x - e)"
+
+[model.guards.C]                     # where a mode ends, and which one follows
+mode   = "free"
+within = "x <= e"
+to     = "contact"
+
+[model.guards.R]
+mode   = "contact"
+within = "x >= e"
+to     = "free"
+
+[model.guards.S]                     # a rigid stop: the mode goes on, and the velocity jumps
+mode   = "contact"
+within = "x <= sigma"
+set    = { v = "-r*v" }
+"""
+
+
 class HybridSystem(StatedSystem):
     """Modes, guards and resets that a scene states: a hybrid system.
 
@@ -135,6 +187,13 @@ class HybridSystem(StatedSystem):
 
     SYSTEM = "hybrid"
     machine: ClassVar[StatedModes]
+    EXAMPLE = Example(
+        {"a": 1.0, "omega": 1.5, "c": 0.1, "k": 1.0, "e": 0.5, "k_b": 20.0, "sigma": 0.7, "r": 0.7},
+        ("omega", 0.6, 2.0),
+        ["0", "CR", "CSR"],
+        ("sigma", 0.6, 0.9),
+        _HYBRID,
+    )
 
     @classmethod
     def attributes_of(cls, text: str) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..models.model import Formulas, Geometry, Model, Parameter, Wall
+from ..models.model import Example, Formulas, Geometry, Model, Parameter, Wall
 
 
 class TwoMasses(Model):
@@ -52,6 +52,13 @@ class TwoMasses(Model):
         Parameter("sigma_1", "", "the position of the first mass's stop"),
         Parameter("sigma_2", "", "the position of the second mass's stop"),
         Parameter("r", "", "the restitution", lower=0, upper=1, split=("r_A", "r_B")),
+    )
+    EXAMPLE = Example(
+        {"c1": 0.1, "c2": 0.05, "k1": 1.0, "k2": 0.6, "a1": 1.0, "omega": 1.8}
+        | {"sigma_1": 1.0, "sigma_2": 1.0, "r": 0.8},
+        ("omega", 0.9, 2.0),
+        ["A"],
+        ("sigma_1", 0.5, 1.5),
     )
 
     def formulas(self, symbols: Mapping[str, Any]) -> Formulas:

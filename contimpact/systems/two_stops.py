@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..models.model import Formulas, Geometry, Model, Parameter, Symmetry, Wall
+from ..models.model import Example, Formulas, Geometry, Model, Parameter, Symmetry, Wall
 
 
 class TwoStops(Model):
@@ -40,6 +40,12 @@ class TwoStops(Model):
         Parameter("k", "", "the stiffness"),
         Parameter("sigma", "", "the distance of a stop", split=("sigma_R", "sigma_L")),
         Parameter("r", "", "the restitution", lower=0, upper=1, split=("r_R", "r_L")),
+    )
+    EXAMPLE = Example(
+        {"a": 1.0, "omega": 1.7, "c": 0.1, "k": 0.0, "sigma": 0.5, "r": 0.7},
+        ("sigma", 0.1, 0.6),
+        ["RL"],
+        ("r", 0.4, 0.9),
     )
 
     def symmetry(self, parameter: str, harmonics: Sequence[float]) -> Symmetry | None:

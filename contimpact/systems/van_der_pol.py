@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ..models.model import Formulas, Geometry, Model, Parameter, Wall
+from ..models.model import Example, Formulas, Geometry, Model, Parameter, Wall
 
 
 class VanDerPol(Model):
@@ -37,6 +37,9 @@ class VanDerPol(Model):
         Parameter("epsilon", "", "the strength of the excitation"),
         Parameter("sigma", "", "the position of the stop"),
         Parameter("r", "", "the restitution coefficient", lower=0, upper=1),
+    )
+    EXAMPLE = Example(
+        {"epsilon": 1.0, "sigma": 1.5, "r": 0.8}, ("sigma", 1.0, 2.2), ["S"], ("epsilon", 0.5, 2.0)
     )
 
     def formulas(self, symbols: Mapping[str, Any]) -> Formulas:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import re
 import tomllib
+from types import SimpleNamespace
 
 import pytest
 
@@ -82,7 +83,27 @@ def test_the_command_prints_it_and_lists_all_systems(capsys):
     assert main(["systems"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines] == list(SYSTEMS)
-    assert all(hasattr(ci, line.rpartition("(")[2].rstrip(")")) for line in lines)
+    kinds = [kind.__name__ for kind in ci.list_systems().values()]
+    assert [line.rpartition("(")[2].rstrip(")") for line in lines] == kinds
+
+
+def test_a_plugin_has_one_if_it_gives_an_example(monkeypatch):
+    class Swing(ci.Oscillator):
+        """A swing against a stop."""
+
+        SYSTEM = "swing"
+
+    monkeypatch.setattr("contimpact.systems._plugins", lambda: {"swing": entry(Swing)})
+    text = ci.new_scene("swing")
+    assert ci.read_scene(tomllib.loads(text)).model == Swing(**ci.Oscillator.EXAMPLE.values)
+    Swing.EXAMPLE = None
+    with pytest.raises(ci.InputError, match=r"no system 'swing'; accepted are belt, bouncing-ball"):
+        ci.new_scene("swing")
+
+
+def entry(kind):
+    """What a plugin offers."""
+    return SimpleNamespace(value="swings:Swing", load=lambda: kind)
 
 
 def test_a_name_that_is_no_system_is_refused(capsys):
