@@ -14,25 +14,29 @@ from zoo import example
 from contimpact import InputError, continue_orbit, find_orbits, plot_diagram, write_auto
 from contimpact.accuracy.reference import Reference
 from contimpact.bifurcations.declarations import CURVES, DECLARED, SECOND, SWITCHES
-from contimpact.bifurcations.extended_system import Crossing, SingularCycle
 from contimpact.bifurcations.kind import Kind
 from contimpact.bifurcations.registry import kind_of
-from contimpact.bifurcations.torus import SingularPair
 from contimpact.results.diagram import Diagram
 from contimpact.results.entry_conversion import event_of
 
 
 @pytest.mark.parametrize("declared", DECLARED, ids=lambda declared: declared.name)
-def test_a_kind_is_what_its_declaration_says(declared, pair, problem_of):
+def test_a_kind_is_what_its_declaration_says(declared, pair, monkeypatch):
     """What scenes are told of it without its file agrees with what the file defines."""
     name, kind = declared.name, kind_of(declared.name)
     assert kind.name == name
     assert type(kind).__module__ == f"contimpact.bifurcations.{declared.file}"
     assert (type(kind).born is not Kind.born) == (name in SWITCHES)
-    problem = problem_of(pair(), "1:1", "s")
+    here = find_orbits(pair(s=0.9), "1:1", parameter="s")[0].linearisation
+    assert here.multipliers[0].imag != 0.0  # NS is of such a pair
+    problem, asked = here.problem, []
     details = {"flight": 0, "wall": "B", "touch_time": 0.5, "impact": 0, "requested": {"s": 0.3}}
     system = kind.equations(problem, details)
-    assert isinstance(system, SingularCycle | Crossing | SingularPair) == (name in SECOND)
+    second = problem.second_along
+    monkeypatch.setattr(problem, "second_along", lambda *at: asked.append(at) or second(*at))
+    if system is not None:
+        assert np.all(np.isfinite(system.assemble(here, system.start(here)).jacobian))
+    assert bool(asked) == (name in SECOND)
     if name in CURVES:
         assert system is not None
         assert kind.codimension_two(problem.word)
