@@ -184,6 +184,13 @@ def test_packages_have_an_order():
     assert order.index("segments") < order.index("orbits") < order.index("diagrams")
 
 
+def test_classes_that_the_page_names_are_there():
+    named = set(re.findall(r"`([A-Z]\w*[a-z]\w*)[`(.]", PAGE))
+    text = "".join(path.read_text(encoding="utf-8") for path in FILES.values())
+    assert len(named) > 10
+    assert named <= set(re.findall(r"^class (\w+)", text, re.MULTILINE))
+
+
 @law(modules_of("contimpact.systems"))
 def test_a_system_imports_models_and_what_it_extends(module):
     models = (

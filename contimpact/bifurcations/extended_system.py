@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import functools
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 
@@ -35,6 +35,9 @@ from ..continuation.branch import Between, Block, Details, Event, Location, Poin
 from ..continuation.crossing_branches import Meeting
 from ..continuation.problem import Problem
 from ..orbits.problem import Linearisation, OrbitProblem, rounding
+from ..segments.bounded import bounds_of
+from ..segments.layout import SECTION
+from ..segments.segment import Segment
 from .event_solver import LocatedPoint, solver_of
 from .scalar_systems import CONVERGED, EPSILON, FAR, FIRST_ORDER, NEWTON_ITERATIONS, ScalarForm
 
@@ -579,3 +582,92 @@ class ReachedTest(ExtendedSystem):
     def rounding(self, here: Linearisation, own: Array) -> Array:
         noise = self.test.noise_of(self.problem, here.unknowns, self.index)
         return np.append(rounding(here).residual, noise)
+
+
+# An orbit touches a wall inside a flight: G, and a merged touch of sliding.
+
+
+class Arrival(ExtendedSystem):
+    """A flight leaves with one of the orbit's and arrives at a guard; of the unknowns there those
+    numbered in `free` are the system's own."""
+
+    def __init__(
+        self, problem: OrbitProblem, flight: int, segment: Segment, free: Sequence[int]
+    ) -> None:
+        super().__init__(problem)
+        self.flight, self.segment, self.free = flight, segment, list(free)
+        self.left = slice(problem.m * flight, problem.m * flight + problem.m)
+
+    @abstractmethod
+    def ends(self, here: Linearisation, own: Array) -> tuple[list[float], list[float]]:
+        """Return the unknowns at both ends of the flight."""
+
+    def assemble(self, here: Linearisation, own: Array) -> SystemEvaluation:
+        n, m = self.problem.n, self.problem.m
+        orbit = len(here.unknowns)
+        arrival, start, end, by_parameter = self.arrival(here, own)
+        self.problem.kernel_evaluations += 1
+        jacobian = np.zeros((n + m, orbit + m - 1))
+        jacobian[:n, :orbit] = here.jacobian
+        jacobian[n:, self.left] = start
+        jacobian[n:, n:orbit] = by_parameter
+        jacobian[n:, orbit:] = end[:, self.free]
+        return SystemEvaluation(np.concatenate([here.residual, arrival]), jacobian)
+
+    def rounding(self, here: Linearisation, own: Array) -> Array:
+        values = self.problem.values(here.unknowns)
+        arrival, _, _, _ = bounds_of(self.segment, *self.ends(here, own), values)[1]
+        return np.concatenate([rounding(here).residual, arrival])
+
+    def arrival(self, here: Linearisation, own: Array) -> tuple[Array, Array, Array, Array]:
+        """Return residual and derivatives of the flight."""
+        m, values = self.problem.m, self.problem.values(here.unknowns)
+        rows, leaving, *ends = self.segment.blocks(*self.ends(here, own), values)
+        start, end, free = map(np.array, (self.problem.leaves(leaving), *ends))
+        return np.array(rows), start.reshape(m, m), end.reshape(m, m), free.reshape(m, -1)
+
+
+def touch_form(problem: OrbitProblem, flight: int, wall: str) -> ScalarForm | None:
+    """Return what tells a touch from others; None for an orbit without impacts."""
+    if not problem.word.walls:
+        return None
+    walls = problem.model.letters
+    touch = len(walls) * walls.index(problem.word.walls[flight]) + walls.index(wall)
+    return ScalarForm("touching", flight, touch)
+
+
+class TouchingFlight(Arrival):
+    """A flight reaches a wall with zero velocity."""
+
+    def __init__(self, problem: OrbitProblem, flight: int, wall: str, time: float) -> None:
+        left = problem.word.walls[flight : flight + 1] or SECTION
+        segment = problem.kernels.segment(left, wall)
+        super().__init__(problem, flight, segment, [0, *range(2, problem.m)])
+        self.wall, self.time = wall, time
+        self.form = touch_form(problem, flight, wall)
+
+    def touch(self, own: Array) -> Array:
+        """Return the touch as an impact: its time and section coordinates."""
+        touch = np.zeros(self.problem.m)
+        touch[self.free] = own
+        return touch
+
+    def start(self, here: Linearisation) -> Array:
+        own = np.zeros(len(self.free))
+        own[0] = self.time
+        if len(own) > 1:  # the other coordinates, from the (near) linear flight equations
+            out, _, end, _ = self.arrival(here, own)
+            own[1:] -= np.linalg.lstsq(end[:, self.free[1:]], out, rcond=None)[0]
+        return own
+
+    def scale(self, own: Array, sizes: Array) -> Array:
+        others = super().scale(own, sizes)
+        others[0] = sizes[0]
+        return others
+
+    def details(self, own: Array) -> Details:
+        return {"touch_time": float(own[0])}
+
+    def ends(self, here: Linearisation, own: Array) -> tuple[list[float], list[float]]:
+        _, left = self.problem.leaving(here.unknowns, self.flight)
+        return left, self.touch(own).tolist()

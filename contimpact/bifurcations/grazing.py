@@ -50,9 +50,11 @@ from .extended_system import (
     OrbitPoint,
     Orbits,
     OrbitTest,
+    TouchingFlight,
     event_on,
     located,
     places_of,
+    touch_form,
 )
 from .kind import (
     SUB,
@@ -73,7 +75,6 @@ from .kind import (
 from .scalar_systems import PASSING
 from .sliding import (
     ADDING,
-    SlidingTouch,
     interrupted_sliding_start,
     is_brief,
     near_touches,
@@ -81,7 +82,6 @@ from .sliding import (
     onsets_of_word,
     sliding_kind_of_touch,
     tolerated_touches,
-    touch_form,
     violations,
 )
 
@@ -140,7 +140,7 @@ class Grazing(OrbitTest):
         problem, touch = guess.evaluation.problem, self.touch(guess.evaluation, index)
         if touch is None:
             return None
-        system = SlidingTouch(problem, flight, wall, touch.time)
+        system = TouchingFlight(problem, flight, wall, touch.time)
         found = located(
             system, guess, lambda s: self._described(flight, wall, system.touch(s.own)[0])
         )
@@ -246,7 +246,7 @@ class G(Kind):
         begun = onset_of(problem, details)
         if begun is not None:
             return begun.equations()
-        return SlidingTouch(problem, details["flight"], details["wall"], details["touch_time"])
+        return TouchingFlight(problem, details["flight"], details["wall"], details["touch_time"])
 
     def places(self, here: Linearisation) -> list[Details]:
         return places_of(Grazing(here.problem), here)
@@ -265,7 +265,7 @@ class G(Kind):
         if word is None:
             return None
         for flight, wall, time in _last_first(touches_at(event)):
-            system = SlidingTouch(problem, flight, wall, time)
+            system = TouchingFlight(problem, flight, wall, time)
             touch = system.touch(system.start(here))
             letters = _excursion(problem, flight, wall) or ""
             rows = _insert_impacts(
@@ -449,7 +449,7 @@ def _gap_slope(event: OrbitEvent) -> float:
     here: Linearisation = event.point.evaluation
     along = event.point.tangent
     places = (event.details[name] for name in ("flight", "wall", "touch_time"))
-    system = SlidingTouch(here.problem, *places)
+    system = TouchingFlight(here.problem, *places)
     _, start, _, by_parameter = system.arrival(here, system.start(here))
     rate = float(start[0] @ along[system.left] + by_parameter[0, 0] * along[-1])
     return float(-_side(here.problem, event) * rate * along[-1])
@@ -630,7 +630,7 @@ def gap_rate(event: OrbitEvent) -> float:
     guard: Guard = problem.model.guard(details["wall"])
     jacobian, n = here.jacobian, problem.n
     along = np.append(-np.linalg.solve(jacobian[:, :n], jacobian[:, n]), 1.0)
-    system = SlidingTouch(problem, details["flight"], details["wall"], details["touch_time"])
+    system = TouchingFlight(problem, details["flight"], details["wall"], details["touch_time"])
     _, start, _, by_parameter = system.arrival(here, system.start(here))
     rate = float(start[0] @ along[system.left] + by_parameter[0, 0])
     if problem.word.walls:

@@ -19,7 +19,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -35,111 +34,25 @@ from ..orbits.quiet import QuietProblem, problem_of
 from ..orbits.search import solve_near
 from ..segments.bounded import bounds_of
 from ..segments.flight import Touch
-from ..segments.layout import SECTION
 from ..segments.segment import ELSEWHERE, Segment
 from ..segments.touches import begins_on_surface, limits_of, margin
 from .branch_point import directions_at
 from .extended_system import (
+    Arrival,
     ExtendedSystem,
     OrbitEvent,
     OrbitPoint,
     SystemEvaluation,
+    TouchingFlight,
     located,
     solve,
 )
 from .kind import SUB, SUPER, Start, null_vector_start
-from .scalar_systems import ScalarForm
 
-# The equations of an orbit that touches a guard inside a flight, or where a flight begins.
+# The equations of an orbit that touches a guard where a flight begins.
 
 TOUCHING = 1e-9
 """A gap below this at an event is a touch at the same parameter value."""
-
-
-class Arrival(ExtendedSystem):
-    """A flight leaves with one of the orbit's and arrives at a guard; of the unknowns there those
-    numbered in `free` are the system's own."""
-
-    def __init__(
-        self, problem: OrbitProblem, flight: int, segment: Segment, free: Sequence[int]
-    ) -> None:
-        super().__init__(problem)
-        self.flight, self.segment, self.free = flight, segment, list(free)
-        self.left = slice(problem.m * flight, problem.m * flight + problem.m)
-
-    @abstractmethod
-    def ends(self, here: Linearisation, own: Array) -> tuple[list[float], list[float]]:
-        """Return the unknowns at both ends of the flight."""
-
-    def assemble(self, here: Linearisation, own: Array) -> SystemEvaluation:
-        n, m = self.problem.n, self.problem.m
-        orbit = len(here.unknowns)
-        arrival, start, end, by_parameter = self.arrival(here, own)
-        self.problem.kernel_evaluations += 1
-        jacobian = np.zeros((n + m, orbit + m - 1))
-        jacobian[:n, :orbit] = here.jacobian
-        jacobian[n:, self.left] = start
-        jacobian[n:, n:orbit] = by_parameter
-        jacobian[n:, orbit:] = end[:, self.free]
-        return SystemEvaluation(np.concatenate([here.residual, arrival]), jacobian)
-
-    def rounding(self, here: Linearisation, own: Array) -> Array:
-        values = self.problem.values(here.unknowns)
-        arrival, _, _, _ = bounds_of(self.segment, *self.ends(here, own), values)[1]
-        return np.concatenate([rounding(here).residual, arrival])
-
-    def arrival(self, here: Linearisation, own: Array) -> tuple[Array, Array, Array, Array]:
-        """Return residual and derivatives of the flight."""
-        m, values = self.problem.m, self.problem.values(here.unknowns)
-        rows, leaving, *ends = self.segment.blocks(*self.ends(here, own), values)
-        start, end, free = map(np.array, (self.problem.leaves(leaving), *ends))
-        return np.array(rows), start.reshape(m, m), end.reshape(m, m), free.reshape(m, -1)
-
-
-def touch_form(problem: OrbitProblem, flight: int, wall: str) -> ScalarForm | None:
-    """Return what tells a touch from others; None for an orbit without impacts."""
-    if not problem.word.walls:
-        return None
-    walls = problem.model.letters
-    touch = len(walls) * walls.index(problem.word.walls[flight]) + walls.index(wall)
-    return ScalarForm("touching", flight, touch)
-
-
-class SlidingTouch(Arrival):
-    """A flight reaches a wall with zero velocity."""
-
-    def __init__(self, problem: OrbitProblem, flight: int, wall: str, time: float) -> None:
-        left = problem.word.walls[flight : flight + 1] or SECTION
-        segment = problem.kernels.segment(left, wall)
-        super().__init__(problem, flight, segment, [0, *range(2, problem.m)])
-        self.wall, self.time = wall, time
-        self.form = touch_form(problem, flight, wall)
-
-    def touch(self, own: Array) -> Array:
-        """Return the touch as an impact: its time and section coordinates."""
-        touch = np.zeros(self.problem.m)
-        touch[self.free] = own
-        return touch
-
-    def start(self, here: Linearisation) -> Array:
-        own = np.zeros(len(self.free))
-        own[0] = self.time
-        if len(own) > 1:  # the other coordinates, from the (near) linear flight equations
-            out, _, end, _ = self.arrival(here, own)
-            own[1:] -= np.linalg.lstsq(end[:, self.free[1:]], out, rcond=None)[0]
-        return own
-
-    def scale(self, own: Array, sizes: Array) -> Array:
-        others = super().scale(own, sizes)
-        others[0] = sizes[0]
-        return others
-
-    def details(self, own: Array) -> Details:
-        return {"touch_time": float(own[0])}
-
-    def ends(self, here: Linearisation, own: Array) -> tuple[list[float], list[float]]:
-        _, left = self.problem.leaving(here.unknowns, self.flight)
-        return left, self.touch(own).tolist()
 
 
 class Beginning(Arrival):
@@ -398,13 +311,13 @@ def where_added(guess: OrbitPoint, flight: int, details: Details) -> Location | 
 
 def _merged_touch_system(
     problem: OrbitProblem, without: OrbitProblem, unknowns: Array, ends: tuple[int, int]
-) -> SlidingTouch:
+) -> TouchingFlight:
     """The equations of the orbit without the impacts at both ends, which touches there."""
     before = (ends[0] - 1) % len(problem.word)
     left = before - sum(end < before for end in ends)
     turn = problem.span(unknowns) if ends[0] == 0 else 0.0
     time = float(problem.impacts(unknowns)[ends[0], 0]) + turn
-    return SlidingTouch(without, left, problem.word.walls[ends[0]], time)
+    return TouchingFlight(without, left, problem.word.walls[ends[0]], time)
 
 
 def _unknowns_with_touch(

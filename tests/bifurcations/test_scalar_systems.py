@@ -10,9 +10,8 @@ import pytest
 
 from contimpact import ImpactPair
 from contimpact.bifurcations.event_solver import solver_of
-from contimpact.bifurcations.extended_system import SingularCycle, solve
+from contimpact.bifurcations.extended_system import SingularCycle, TouchingFlight, solve
 from contimpact.bifurcations.scalar_systems import LONGEST, ScalarForm
-from contimpact.bifurcations.sliding import SlidingTouch
 from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.segments.kernels import Kernels
@@ -44,7 +43,7 @@ def system_of(kind, problem, here):
         (((k, "BT"[j]), t) for k, f in enumerate(here.gaps) for j, t in enumerate(f.touches) if t),
         key=lambda found: found[1].gap,
     )
-    return SlidingTouch(problem, flight, wall, touch.time)
+    return TouchingFlight(problem, flight, wall, touch.time)
 
 
 PLACES = {"PD": 0.2386 / 0.6225, "G": 0.2046 / 0.6225}

@@ -7,8 +7,8 @@ import pytest
 from zoo import harmonic_pair
 
 from contimpact.bifurcations.declarations import EVENTS
-from contimpact.bifurcations.extended_system import located
-from contimpact.bifurcations.grazing import Grazing, SlidingTouch
+from contimpact.bifurcations.extended_system import TouchingFlight, located
+from contimpact.bifurcations.grazing import Grazing
 from contimpact.bifurcations.registry import test_functions as make_tests
 from contimpact.continuation.ends import EndKind
 from contimpact.continuation.settings import Settings
@@ -117,7 +117,7 @@ def test_a_touch_where_the_flight_passes_elsewhere_is_no_grazing():
     test = Grazing(problem)
     run = walk_both_ways(problem, orbit.unknowns, RANGE, [test], PLAIN)
     (event,) = [e for e in run.events if abs(e.parameter - 0.3718857) < 1e-6]
-    system = SlidingTouch(problem, 0, "B", event.details["touch_time"] - 0.018)
+    system = TouchingFlight(problem, 0, "B", event.details["touch_time"] - 0.018)
     beside = located(system, event.point)
     assert beside.unknowns[-1] == pytest.approx(0.3718825, abs=1e-6)
     assert not test.nearest(problem, beside, event.details["index"])
