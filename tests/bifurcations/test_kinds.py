@@ -43,6 +43,11 @@ def test_a_kind_is_what_its_declaration_says(declared, pair, monkeypatch):
     assert kind.test(problem, {"s": [0.3]}).kind == name
 
 
+def test_no_two_kinds_have_one_marker():
+    markers = [kind_of(declared.name).look.marker for declared in DECLARED]
+    assert len(set(markers)) == len(markers)
+
+
 def test_declarations_are_read_without_numerics():
     code = (
         "import json, sys, contimpact.bifurcations.declarations; print(json.dumps([*sys.modules]))"
