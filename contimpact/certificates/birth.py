@@ -34,7 +34,7 @@ from ..bifurcations.equations import residuals_of
 from ..models.word import Word
 from ..orbits.problem import OrbitProblem
 from .equations import BallProblem, Balls, Flight, column, krawczyk, preconditioner
-from .tube import Node, Segment, Tube, balls_around_zero, coefficient, range_of, round_up
+from .tube import Node, Segment, Tube, balls_around_zero, bound_in, coefficient, range_of, round_up
 
 ROOM = 2.0
 FLOOR = 1e-9
@@ -159,35 +159,16 @@ def _birth(segment: Segment) -> Birth | None:
         defect = range_of([identity - matrix * wide.jacobian]).reshape(size, size)
         image = round_up(offset + round_up(defect @ half))
         if (image < half).all():
-            return _birth_curve(segment, once, center, null, end, half, image, defect, matrix, wide)
+            # the derivative of the curve by A: J y = -dH/dA
+            step = matrix * wide.slopes
+            rate = bound_in(half, defect, range_of([step]))
+            slope = step.entries()[n] + arb(0, 1) * float(round_up(defect @ rate)[n])
+            turns = not (slope > 0 or slope < 0)
+            return Birth(segment, once, center, null, end, half, image, rate, turns)
         half = 2.0 * image
         if (half > 1.0).any():
             return None
     return None
-
-
-def _birth_curve(
-    segment: Segment,
-    once: BallProblem,
-    center: Array,
-    null: Array,
-    end: float,
-    half: Array,
-    inner: Array,
-    defect: Array,
-    matrix: Any,
-    wide: _Expansion,
-) -> Birth:
-    """The curve, with bounds of its derivative by A: J y = -dH/dA."""
-    step = matrix * wide.slopes
-    factor = float(np.max(round_up(round_up(defect @ half) / half)))
-    bound = float(np.max(round_up(range_of([step]) / half))) / np.nextafter(1.0 - factor, 0.0)
-    rate = np.asarray(round_up(round_up(bound) * half))
-    slack = round_up(defect @ rate)
-    n = once.problem.n
-    slope = step.entries()[n] + arb(0, 1) * float(slack[n])
-    turns = not (slope > 0 or slope < 0)
-    return Birth(segment, once, center, null, end, half, inner, rate, turns)
 
 
 class _Expansion:

@@ -288,10 +288,9 @@ class _Test:
             if (image < half).all():
                 for _ in range(3):
                     image = np.minimum(image, round_up(self.offset + round_up(defect @ image)))
-                factor = float(np.max(round_up(round_up(defect @ half) / half)))
-                ends = tuple(self._shrunk(self._at_node(u), half, factor) for u in (-1, 1))
-                rate = self._shrunk(self._rate(half, near, over), half, factor)
-                return Tube(self.segment, half, image, (ends[0], ends[1]), rate)
+                first, last = (bound_in(half, defect, self._at_node(u)) for u in (-1, 1))
+                rate = bound_in(half, defect, self._rate(half, near, over))
+                return Tube(self.segment, half, image, (first, last), rate)
             tries[1:] = [2.0 * image] * (len(tries) - 1)
         return None
 
@@ -308,12 +307,6 @@ class _Test:
         product = _times(self.inverse, matrices)
         product[0] -= arb_mat([[int(i == j) for j in range(self.n + 1)] for i in range(self.n + 1)])
         return range_of(product).reshape(self.n + 1, self.n + 1)
-
-    @staticmethod
-    def _shrunk(offset: Array, half: Array, factor: float) -> Array:
-        """|w| <= |offset| + D |w| in the norm in which W is the unit ball."""
-        bound = float(np.max(round_up(offset / half))) / np.nextafter(1.0 - factor, 0.0)
-        return np.asarray(round_up(round_up(bound) * half))
 
     def _at_node(self, u: int) -> Array:
         """|Y G(0; u)| at a node."""
@@ -334,6 +327,13 @@ class _Test:
         )
         rates[0] += arb_mat([[0]] * self.n + [[arb(0, 1) * bend]])
         return range_of(_times(self.inverse, rates))
+
+
+def bound_in(half: Array, defect: Array, offset: Array) -> Array:
+    """Return a bound of all w of |w| <= |offset| + D |w|, a multiple of the box's half widths."""
+    factor = float(np.max(round_up(round_up(defect @ half) / half)))
+    bound = float(np.max(round_up(offset / half))) / np.nextafter(1.0 - factor, 0.0)
+    return np.asarray(round_up(round_up(bound) * half))
 
 
 def _times(one: Sequence[Any], other: Sequence[Any]) -> list[Any]:
