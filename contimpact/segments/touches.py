@@ -155,7 +155,7 @@ def interior_touches(
                 letters = wall, walls[(k + 1) % len(walls)]
                 track = track_between(kernels, letters, leave, arrive, values, length)
                 curves = [track.along(row) for row in coordinates(kernels.model)]
-                motions = [(curve, curve.breaks()) for curve in curves]
+                motions: list[Seen] = [(curve, curve.breaks()) for curve in curves]
             else:
                 other = linear_flight if kernels.linear(wall) else other_flight
                 motions = other(kernels, wall, leave, length, values)
