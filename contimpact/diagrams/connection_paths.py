@@ -6,6 +6,7 @@ manifold of another orbit.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import product
 from typing import Any
@@ -26,7 +27,10 @@ DEPTH = 24
 PLACES = 4
 """Places on a path at which a grazing is tried: those where it is nearest to one."""
 LAPS = 3
-"""Laps of the first orbit that are taken from a simulated path."""
+"""Laps of the first orbit that are taken from a simulated path, and of the last one at least."""
+CLOSING, MOST = 1e-10, 12
+"""What so many laps of the last orbit may leave of the unwanted direction, and how many are at most
+taken: where fewer are, paths are not in the order in which their motions reach the orbit."""
 LONGEST_TAIL = 8
 """Impacts of the first orbit at most."""
 BEFORE = DEPTH + (LAPS + 1) * LONGEST_TAIL
@@ -84,8 +88,9 @@ def guesses_of(
         rows = np.column_stack([times[part], run.velocities[part]])
         rows[:, 0] -= run.period * np.floor(rows[0, 0] / run.period)
         arrival = rows[-1, 0] + times[entry] - times[entry - 1]
-        rows = np.vstack([rows, *_laps(orbit, 0, arrival, range(LAPS))])
-        made = text[part] + orbit.word.walls * LAPS
+        laps = last_laps(orbit)
+        rows = np.vstack([rows, *_laps(orbit, 0, arrival, range(laps))])
+        made = text[part] + orbit.word.walls * laps
         yield from paths_of(simulator, leaves, made, rows)
 
 
@@ -112,16 +117,23 @@ def returning_paths(
     """Return paths along the unstable manifold of one orbit that come nearest to the stable one of
     another after as many impacts."""
     nearest = dict[int, tuple[float, Array, str]]()
-    lap = len(orbit.word)
+    lap, last = len(orbit.word), last_laps(orbit)
     for first, run in runs:
         for row, far in entries_of(run, orbit, len(leaves.word)).items():
             if row not in nearest or abs(far) < nearest[row][0]:
                 end = row + lap
                 rows = np.column_stack([run.times[:end], run.velocities[:end]])
-                laps = _laps(orbit, 0, run.times[row] + orbit.period, range(LAPS))
+                laps = _laps(orbit, 0, run.times[row] + orbit.period, range(last))
                 nearest[row] = abs(far), np.vstack([first, rows, *laps]), run.word[:end]
     for _, rows, text in sorted(nearest.values(), key=lambda near: near[0])[:RETURNS]:
-        yield leaves.word.walls[0] + text + orbit.word.walls * LAPS, None, rows, leaves.word
+        yield leaves.word.walls[0] + text + orbit.word.walls * last, None, rows, leaves.word
+
+
+def last_laps(orbit: Orbit) -> int:
+    """How many laps of an orbit a path ends with: after so many it may close in time alone."""
+    first, second = np.abs(orbit.multipliers[:2])
+    left = max(float(second / first), CLOSING)
+    return min(max(math.ceil(math.log(CLOSING) / math.log(left)), LAPS), MOST)
 
 
 def _laps(orbit: Orbit, first: int, time: float, numbers: Iterable[int]) -> list[Array]:

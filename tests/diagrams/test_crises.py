@@ -17,6 +17,7 @@ from exact_flights import pair_flight
 from zoo import TWO_MASSES, scene
 
 from contimpact.bifurcations.crisis import error_of, solve
+from contimpact.diagrams.connection_paths import last_laps
 from contimpact.diagrams.crises import add_crises, crises_text, find_crises
 from contimpact.diagrams.crisis_curves import follow_crisis
 from contimpact.diagrams.crisis_location import (
@@ -111,6 +112,17 @@ def test_simulation_leaves_the_attractor_just_beyond(crisis):
     state = simulator.state(crisis.walls[k], crisis.times[k], crisis.velocities[k])
     found = settle(simulator, state, Settling(periods=20_000))
     assert (found.kind, found.notation) == (Kind.PERIODIC, "2:1")
+
+
+def test_paths_end_with_laps_until_what_they_leave_is_small():
+    """Of 2:2 of Fig. 10(c) at r = .75 three left 8e-5 in A, beside 2:1 of Fig. 7 nothing."""
+    model = ImpactPair(beta=math.pi / 6, r=0.75, A=18.697, s=0.5)
+    orbits = find_orbits(model, "2:2", parameter="A")
+    saddle = next(o for o in orbits if o.physical and o.multipliers[0].real > 1.0)
+    for orbit, laps in ((unstable(0.3556), 3), (saddle, 6)):
+        first, second = np.abs(orbit.multipliers)
+        assert last_laps(orbit) == laps
+        assert (second / first) ** laps < 1e-10
 
 
 @pytest.mark.parametrize("laps", [(1, 0), (0, 1), (2, 2)])
