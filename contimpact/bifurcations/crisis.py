@@ -194,6 +194,23 @@ class Connection:
         return Connection(*given), np.concatenate([np.vstack(parts).ravel(), unknowns[self.n :]])
 
 
+class Passage(Connection):
+    """The equations of a path that begins at a time anywhere, in place of laps of an orbit.
+
+    What precedes it hardly matters after some impacts: it is where a manifold touches that holds
+    motion with this past.
+    """
+
+    begun: float
+
+    def _path(self, unknowns: Array) -> tuple[Array, Array]:
+        residual, jacobian = super()._path(unknowns)
+        row = self.n - 2
+        residual[row], jacobian[row] = unknowns[0] - self.begun, 0.0
+        jacobian[row, 0] = 1.0
+        return residual, jacobian
+
+
 def _singular_vectors(matrix: Array) -> tuple[Array, Array]:
     """Return about the left and the right vector of the smallest singular value."""
     factors, right = lu_factor(matrix), np.ones(len(matrix))

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..bifurcations.crisis import Connected, Connection, solve, unstable_direction
+from ..bifurcations.crisis import Connected, Connection, Passage, solve, unstable_direction
 from ..models.word import Word, is_rotation
 from ..orbits.orbit import Orbit
 from ..orbits.search import solve_near
@@ -82,16 +82,28 @@ def guesses_of(
 
     They leave the first orbit, or one that the motion has followed.
     """
-    text, times = run.word, run.times
     for entry in entries:
-        part = slice(entry - BEFORE, entry)
-        rows = np.column_stack([times[part], run.velocities[part]])
-        rows[:, 0] -= run.period * np.floor(rows[0, 0] / run.period)
-        arrival = rows[-1, 0] + times[entry] - times[entry - 1]
-        laps = last_laps(orbit)
-        rows = np.vstack([rows, *_laps(orbit, 0, arrival, range(laps))])
-        made = text[part] + orbit.word.walls * laps
-        yield from paths_of(simulator, leaves, made, rows)
+        yield from paths_of(simulator, leaves, *_arriving(orbit, run, entry))
+
+
+def passage_of(orbit: Orbit, run: Run, entry: int) -> Connected | None:
+    """Solve for the tangency of the manifold of motions that arrive at an orbit as a run does."""
+    walls, rows = _arriving(orbit, run, entry)
+    given = orbit.model, orbit.problem.kernels, walls, None, orbit.word, orbit.word
+    problem = Passage(*given)
+    problem.begun = float(rows[0, 0])
+    return solve(problem, np.append(rows.ravel(), orbit.value))
+
+
+def _arriving(orbit: Orbit, run: Run, entry: int) -> tuple[str, Array]:
+    """The last impacts of a run before it arrives at an orbit, and laps of that."""
+    part = slice(entry - BEFORE, entry)
+    rows = np.column_stack([run.times[part], run.velocities[part]])
+    rows[:, 0] -= run.period * np.floor(rows[0, 0] / run.period)
+    arrival = rows[-1, 0] + run.times[entry] - run.times[entry - 1]
+    laps = last_laps(orbit)
+    rows = np.vstack([rows, *_laps(orbit, 0, arrival, range(laps))])
+    return run.word[part] + orbit.word.walls * laps, rows
 
 
 def manifold_runs(

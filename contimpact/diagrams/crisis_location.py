@@ -7,7 +7,7 @@ stretch of simulated complex motion, taken in `connection_paths`.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain
@@ -26,11 +26,12 @@ from ..results.branch import Entry
 from ..results.options import SETTLING, Settling
 from ..segments.kernels import Kernels
 from ..simulation.attractor import Attractor, Kind, distances_between
-from ..simulation.run import State
+from ..simulation.run import Run, State
 from ..simulation.settle import settle
 from ..simulation.simulator import Simulator, has_several_coordinates
 from ..simulation.sweep import same_attractor
 from .connection_paths import (
+    CLOSE,
     connections_of,
     end_of,
     entries_of,
@@ -39,6 +40,7 @@ from .connection_paths import (
     guesses_of,
     is_physical,
     manifold_runs,
+    passage_of,
     paths_beginning_with,
     returning_paths,
     side_left,
@@ -69,11 +71,14 @@ TRIALS = 8
 LEAVING, STARTS, RETURN = 1e-4, 64, 200
 """How far beside an orbit motions start on a side of it, from all along its unstable manifold, how
 many and for how many impacts."""
-BEGUN = 2
-"""Simulated paths begun with where those that begin otherwise are tried."""
+LASTING, STRETCH = 10_000_000, 500_000
+"""Impacts which the attractor has to last just before a crisis without a grazing, and after as many
+of which it is looked whether it has ended: all where simulation is not compiled."""
+ESCAPES, WAYS, LEFT = 8, 3, 2000
+"""How often motion that leaves before is looked at, how many of its arrivals at the orbit, and how
+many of its last impacts."""
 REFINED = 4
 """Orbits left, of each of which the nearest path is lengthened: how near it is is known then."""
-NEAREST_FOUND = "the nearest tangency found; a rarer one may end the motion before"
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +101,9 @@ class Crisis:
     """What the motion settles on, as far beyond as the first orbit was before the crisis."""
     seen: float
     """The nearest value of the parameter at which simulation has shown the attractor."""
+    lasted: int
+    """Impacts for which it lasted there, or kept to one side of the orbit if it merges or widens,
+    in one simulation."""
     orbit: Orbit
     """The unstable orbit, at the crisis."""
     path: Connected = field(repr=False)
@@ -159,6 +167,7 @@ class Crisis:
             "type": self.type,
             "after": self.after,
             "seen": self.seen,
+            "lasted": self.lasted,
             "leaves": str(self.path.problem.before),
             "homoclinic": self.homoclinic,
             "walls": self.walls,
@@ -171,7 +180,10 @@ class Crisis:
         kind = f", {self.type}" if self.type else ""
         place = f"{self.parameter} = {self.value:.15g} (+- {self.error:.1g})"
         text = f"{self.label} at {place}{kind}; beyond: {self.after}"
-        return text if self.grazing is not None else f"{text}; {NEAREST_FOUND}"
+        if self.grazing is not None:
+            return text
+        lasted = f"motion lasted {self.lasted:.2g} impacts at {self.seen:.9g}"
+        return f"{text}; {lasted}: a rarer tangency may end it before"
 
 
 @dataclass(frozen=True)
@@ -246,7 +258,7 @@ def approach_crisis(
 ) -> Crisis | NoCrisis:
     """Locate a crisis again and again, nearer by, until nothing touches before it."""
     best: tuple[Connected, float] | None = None
-    begun, first, outermost = orbit.value, (orbit, attractor), not smooth
+    begun, first = orbit.value, (orbit, attractor)
     for _ in range(TRIALS):
         nearest = _nearest(orbit, attractor, impacts, smooth)
         if best is not None:
@@ -255,17 +267,11 @@ def approach_crisis(
             left = (value - orbit.value) * np.sign(value - begun)
             ahead = abs(float(nearest[0].unknowns[-1]) - orbit.value) if nearest else np.inf
             near = 0.0 < left <= ahead + 2.0 * error and left <= NEAR * abs(value - begun)
-            if not outermost and (near or nearest is None):
-                outermost = True
-                before = _touching_before(best, *first, impacts)
-                if before is not None:
-                    best, orbit, attractor = before
-                    nearest, near = best, False
-                elif near and nearest is not None:
-                    return _crisis(orbit, attractor, path, error, 2.0 * value - begun)
-            elif near:
+            if near and smooth:
+                return _approach_outermost(*first, best, impacts)
+            if near and nearest is not None:
                 return _crisis(orbit, attractor, path, error, 2.0 * value - begun)
-            elif not 0.0 < left <= ahead:
+            if not 0.0 < left <= ahead:
                 best = None
         if nearest is None:
             break
@@ -430,56 +436,97 @@ def _nearest(
     return min(found.values(), key=lambda f: abs(f[0].unknowns[-1] - orbit.value), default=None)
 
 
-def _touching_before(
-    best: tuple[Connected, float], orbit: Orbit, attractor: Attractor, impacts: int
-) -> tuple[tuple[Connected, float], Orbit, Attractor] | None:
-    """A connection that is met before another one, and the orbit and the attractor where this has
-    been seen to last; None if there is none.
+def _approach_outermost(
+    orbit: Orbit, attractor: Attractor, best: tuple[Connected, float], impacts: int
+) -> Crisis | NoCrisis:
+    """Locate a crisis without a grazing from a tangency on: until the attractor lasts just before.
 
-    It has the last impacts of the other one, or of the nearest arrivals at the orbit among ten
-    times as many impacts, after laps of orbits that the motion has followed.
+    Where it does not, the motion that leaves has the path of a tangency that was met before.
     """
-    value = float(best[0].unknowns[-1])
-    lasting = _nearer(orbit, attractor, value, RUNS * RETURNING)
-    orbit, attractor = lasting or (orbit, attractor)
     assert attractor.state is not None
     simulator = Simulator(orbit.model, orbit.problem.kernels)
-    run = simulator.run(attractor.state, impacts=RUNS * impacts)
-    entries = entries_of(run, orbit)
-    sides, followed = sides_of(entries), followed_orbits(run)
+    run = simulator.run(attractor.state, impacts=impacts)
+    sides, followed = sides_of(entries_of(run, orbit)), followed_orbits(run)
+    best, number, reason = _before(orbit, best, [best[0]], sides, followed), 0, ""
+    for _ in range(ESCAPES):
+        path, error = best
+        value = float(path.unknowns[-1])
+        near = _nearer(orbit, attractor, value)
+        near = near and _nearer(*near, value)
+        reason = f"the attractor was not seen near to a tangency at {value:.9g}"
+        if near is None or abs(value - near[0].value) > NEAR * abs(value - orbit.value):
+            break
+        lasted, escape = escape_from(*near, number)
+        if escape is None:
+            return _crisis(*near, path, error, 2.0 * value - orbit.value, lasted)
+        ways = [
+            way
+            for entry, far in entries_of(escape, near[0]).items()
+            if np.sign(far) not in sides and (way := passage_of(near[0], escape, entry))
+        ]
+        found = _before(orbit, best, ways[:WAYS], sides, followed)
+        number = number + 1 if found is best else 0
+        best = found
+        reason = f"motion at {near[0].value:.9g} is a transient, over in {lasted} impacts"
+    return NoCrisis(f"{reason}; no tangency was found before which it lasts")
+
+
+def _before(
+    orbit: Orbit,
+    best: tuple[Connected, float],
+    starts: Sequence[Connected],
+    sides: set[float],
+    followed: Sequence[tuple[Array, Word]],
+) -> tuple[Connected, float]:
+    """The first connection that has the last impacts of one of some paths, after laps of orbits
+    that the motion has followed; the one known if none is met before it."""
+    sign = float(np.sign(best[0].unknowns[-1] - orbit.value))
+    period = Simulator(orbit.model, orbit.problem.kernels).period
 
     def ahead(path: Connected) -> float:
-        return (float(path.unknowns[-1]) - orbit.value) * float(np.sign(value - orbit.value))
+        return (float(path.unknowns[-1]) - orbit.value) * sign
 
-    def before(paths: Iterable[Connected], most: float) -> list[Connected]:
-        met = [path for path in paths if 0.0 < ahead(path) < most and is_physical(path)]
-        met = [path for path in met if side_left(path, orbit) in {None, *sides}]
-        return sorted(met, key=ahead)
-
-    arriving = guesses_of(simulator, orbit, orbit, run, entries, touching_paths)
     tried = set[tuple[str, int | None]]()
-    starts = [best[0], *before(connections_of(orbit, arriving, tried), np.inf)[:BEGUN]]
-    found = best
-    while starts:
-        guesses = [g for s in starts for g in paths_beginning_with(s, followed, run.period)]
+    while starts := [path for path in starts if ahead(path) > 0.0]:
+        guesses = [guess for s in starts for guess in paths_beginning_with(s, followed, period)]
         others = connections_of(orbit, guesses, tried, len(tried) + len(guesses))
-        nearer = before([*starts, *others], ahead(found[0]))
+        met = [path for path in others if ahead(path) > 0.0 and is_physical(path)]
+        met = [path for path in met if side_left(path, orbit) in {None, *sides}]
         starts = []
-        for path in nearer[:REFINED]:
+        for path in sorted(met, key=ahead)[:REFINED]:
             longer = refined(path)
             if longer is None or not is_physical(longer[0]):
                 continue
-            if ahead(longer[0]) < ahead(found[0]) - longer[1] - found[1]:
-                found, starts = longer, [longer[0]]
-                break
-    return None if found is best else (found, orbit, attractor)
+            if 0.0 < ahead(longer[0]) < ahead(best[0]) - longer[1] - best[1]:
+                best, starts = longer, [longer[0]]
+    return best
 
 
-def _nearer(
-    orbit: Orbit, attractor: Attractor, value: float, lasting: int = 0
-) -> tuple[Orbit, Attractor] | None:
-    """The orbit and the attractor nearer to a crisis; None if the attractor is not seen there, for
-    as many impacts."""
+def escape_from(orbit: Orbit, attractor: Attractor, number: int) -> tuple[int, Run | None]:
+    """How many impacts motion on an attractor lasts, from one of its impacts on, and its last ones
+    if it ends."""
+    simulator = Simulator(orbit.model, orbit.problem.kernels)
+    wall, made = simulator.letters[attractor.walls[number]], 0
+    state = simulator.state(wall, attractor.times[number], attractor.velocities[number])
+    most = LASTING if simulator.machine.batch(LASTING) else STRETCH
+    while made < most:
+        end = simulator.run(state, impacts=STRETCH, record=False).end
+        after = settle(simulator, end) if end else None
+        if end is None or after is None or after.kind not in (Kind.COMPLEX, Kind.NOT_SETTLED):
+            run = simulator.run(state, impacts=STRETCH)
+            lap = len(after.walls) if after and after.kind is Kind.PERIODIC else 1
+            apart = np.abs(run.velocities[lap:] - run.velocities[:-lap])
+            moving = np.flatnonzero(apart > CLOSE * np.max(np.abs(run.velocities)))
+            last = int(np.max(moving, initial=0))
+            part = slice(max(last - LEFT, 0), last + RETURN)
+            names = "walls", "turns", "phases", "velocities", "released"
+            return made + last, replace(run, **{n: getattr(run, n)[part] for n in names})
+        state, made = end, made + STRETCH
+    return made, None
+
+
+def _nearer(orbit: Orbit, attractor: Attractor, value: float) -> tuple[Orbit, Attractor] | None:
+    """The orbit and the attractor nearer to a crisis; None if the attractor is not seen there."""
     for part in NEARER:
         near = value + part * (orbit.value - value)
         here = solve_near(orbit.problem, np.append(orbit.unknowns[:-1], near))
@@ -490,7 +537,7 @@ def _nearer(
         found: Attractor | None = settle(simulator, attractor.state, PATIENT)
         if found is not None and found.kind is not Kind.COMPLEX:
             found = _beside(simulator, there, PATIENT)
-        if found is not None and (not lasting or _lasts(there, found, lasting)):
+        if found is not None:
             return there, found
     return None
 
@@ -514,7 +561,12 @@ def _sides(simulator: Simulator, orbit: Orbit, settling: Settling) -> Iterator[A
 
 
 def _crisis(
-    orbit: Orbit, attractor: Attractor, path: Connected, error: float, beyond: float
+    orbit: Orbit,
+    attractor: Attractor,
+    path: Connected,
+    error: float,
+    beyond: float,
+    lasted: int = 0,
 ) -> Crisis | NoCrisis:
     """Describe a crisis: the orbit there, and what the motion settles on beyond."""
     value = float(path.unknowns[-1])
@@ -546,11 +598,15 @@ def _crisis(
     if after.kind not in (Kind.COMPLEX, Kind.NOT_SETTLED):
         type_ = "boundary"
         lasting = min(lasting, RUNS * (made + math.ceil(after.periods * attractor.rate)))
-    if not _lasts(orbit, attractor, lasting):
+    keeping = type_ in ("interior", "merging")
+    if keeping or lasted < lasting:
+        lasted = lasting if _lasts(orbit, attractor, lasting, keeping) else 0
+    if not lasted:
         beside = f"motion at {orbit.value:.9g} is a transient, too, over in {lasting} impacts"
         return NoCrisis(f"{touches}, no attractor ends: {beside}")
     names = attractor.notation, type_, after.notation
-    return Crisis(orbit.parameter, value, error, *names, orbit.value, there, path, there.model)
+    seen = orbit.value, lasted
+    return Crisis(orbit.parameter, value, error, *names, *seen, there, path, there.model)
 
 
 def _has_widened(
@@ -572,13 +628,17 @@ def _has_widened(
     return beyond > WIDER * within
 
 
-def _lasts(orbit: Orbit, attractor: Attractor, impacts: int) -> bool:
-    """Whether complex motion stays so for as many impacts: close to a crisis it may be a transient
-    already."""
-    assert attractor.state is not None
-    simulator = Simulator(orbit.model, orbit.problem.kernels)
-    end = simulator.run(attractor.state, impacts=impacts, record=False).end
-    return end is not None and settle(simulator, end).kind is Kind.COMPLEX
+def _lasts(orbit: Orbit, attractor: Attractor, impacts: int, keeping: bool) -> bool:
+    """Whether complex motion stays so for as many impacts, and keeps to one side of an orbit's
+    stable manifold if asked: close to a crisis it may be a transient already."""
+    simulator, end = Simulator(orbit.model, orbit.problem.kernels), attractor.state
+    for _ in range(math.ceil(impacts / RETURNING) if keeping else 1):
+        made = RETURNING if keeping else impacts
+        run = simulator.run(end, impacts=made, record=keeping)
+        end = run.end
+        if end is None or (keeping and len(sides_of(entries_of(run, orbit))) > 1):
+            return False
+    return settle(simulator, end).kind is Kind.COMPLEX
 
 
 def _parts_two(orbit: Orbit) -> bool:

@@ -340,8 +340,8 @@ class Entry(ParameterItems, NotebookResult):
     )
     crisis: Mapping[str, Any] | None = attribute(
         "only of [CR](crises.md), whose orbit is the unstable one: notation of the `attractor`, "
-        "and `type`, `after`, `seen`, `leaves`, `homoclinic`, `walls`, `grazing`, `times`, "
-        "`velocities` as in [`crises.json`](simulate.md#output); newer",
+        "and `type`, `after`, `seen`, `lasted`, `leaves`, `homoclinic`, `walls`, `grazing`, "
+        "`times`, `velocities` as in [`crises.json`](simulate.md#output); newer",
         None,
         silent=True,
     )

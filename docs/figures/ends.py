@@ -1,15 +1,17 @@
 """List every end of complex motion in the sweeps of Figs. 8 and 10, and what explains it.
 
-    python docs/figures/ends.py
+    python docs/figures/ends.py [FIGURE:R ...]
 
-Writes ``ends.csv.xz`` beside this file, and prints how many ends there are of each kind; takes
-about twenty minutes of two processors. The text of an end that nothing explains is what was tried.
+Writes ``ends.csv.xz`` beside this file, or its rows of figures and restitutions as 10c:0.75 again,
+and prints how many ends there are of each kind; takes about twenty minutes of two processors. The
+text of an end that nothing explains is what was tried.
 """
 
 import csv
 import io
 import lzma
 import multiprocessing
+import sys
 import tempfile
 import tomllib
 from collections import Counter
@@ -49,13 +51,18 @@ def scenes(figure):
         yield figure, read_scene(data)
 
 
+def name_of(given):
+    """Return the figure and the restitution of a scene as text."""
+    figure, scene = given
+    values = scene.model.values
+    return f"{figure}:{values.get('r_B', values.get('r'))}"
+
+
 def rows(given):
     """Return a row for each end of complex motion in a scene."""
-    (figure, scene), found = given, []
+    (_, scene), (figure, r), found = given, name_of(given).split(":"), []
     with tempfile.TemporaryDirectory() as folder:
         sweep = simulate(scene, Path(folder)).sweep
-    values = scene.model.values
-    r = values.get("r_B", values.get("r"))
     for end in find_crises(sweep, follow(scene)):
         if isinstance(end, Crisis):
             found.append((figure, r, "CR", end.label, end.value, end.error, str(end)))
@@ -70,12 +77,18 @@ def rows(given):
 
 def main():
     """Write the table."""
+    chosen, path = set(sys.argv[1:]), HERE / "ends.csv.xz"
+    given = {name_of(pair): pair for figure in SCENES for pair in scenes(figure)}
+    again = [name for name in given if name in chosen or not chosen]
+    known = list(csv.reader(io.StringIO(lzma.decompress(path.read_bytes()).decode())))[1:]
+    found = [row for row in known if f"{row[0]}:{row[1]}" not in again]
     with multiprocessing.Pool() as pool:
-        given = (scene for figure in SCENES for scene in scenes(figure))
-        found = [row for some in pool.imap(rows, given) for row in some]
+        for made in pool.imap(rows, [given[name] for name in again]):
+            found += made
+    found.sort(key=lambda row: list(given).index(f"{row[0]}:{row[1]}"))
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([COLUMNS, *found])
-    (HERE / "ends.csv.xz").write_bytes(lzma.compress(text.getvalue().encode()))
+    path.write_bytes(lzma.compress(text.getvalue().encode()))
     print(len(found), Counter(kind for _, _, kind, *_ in found))
 
 
