@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -15,7 +17,8 @@ from ..continuation.ends import EndKind
 from ..errors import InputError, explain_arguments
 from ..models.word import Word
 from ..orbits.orbit import Orbit
-from ..orbits.search import find_orbits
+from ..orbits.quiet import problem_of
+from ..orbits.search import find_orbits, solve_near
 from ..progress import Asked
 from ..results.branch import Branch, Entry, orbit_with
 from ..results.diagram import Diagram
@@ -49,6 +52,13 @@ TAKEOVER = ("label", "notation", "value", "error")
 """What ``crises.json`` has of such an event."""
 CRISES = "contimpact.crises/1"
 """Schema of ``crises.json``."""
+BANDS, FULL = 64, 10
+"""Bands that complex motion may have, and in each as many impacts at least."""
+WIDER = 3.0
+"""By how much wider bands are beyond a widening."""
+WINDOW = 16
+"""Steps of a sweep, from a widening on, in which the fold is looked for with which the window with
+narrow bands begins, beyond the sweep's values if need be."""
 FINER = 1 / 256
 """Part of a step of a sweep to which an end is bisected before crises without a grazing are looked
 for."""
@@ -58,7 +68,7 @@ for."""
 def find_crises(
     sweep: Sweep, diagram: Diagram, *, impacts: int = 40_000
 ) -> list[Crisis | NoCrisis]:
-    """Find the crises that end complex motion along a sweep.
+    """Find the crises at which complex motion ends along a sweep, or its bands become fewer.
 
     Parameters
     ----------
@@ -74,10 +84,19 @@ def find_crises(
     list of Crisis or NoCrisis
         One for each pair of neighbouring values between which complex motion gives way to another
         one: the crisis between them that is met first; or else the event from which on the motion
-        that takes over is stable, or why neither was found.
+        that takes over is stable, or why neither was found. Then one for each pair between which
+        complex motion gets fewer and wider bands.
     """
-    found: list[Crisis | NoCrisis] = []
     kernels = Kernels(sweep.model, sweep.parameter)
+    ends = find_ends(sweep, diagram, kernels, impacts)
+    return [*ends, *_find_widenings(sweep, diagram, kernels, impacts)]
+
+
+def find_ends(
+    sweep: Sweep, diagram: Diagram, kernels: Kernels, impacts: int = 40_000
+) -> list[Crisis | NoCrisis]:
+    """Find what ends complex motion along a sweep."""
+    found: list[Crisis | NoCrisis] = []
     for before, after in all_changes(sweep):
         if before.attractor.kind is not Kind.COMPLEX or after.attractor.kind is Kind.COMPLEX:
             continue
@@ -105,6 +124,76 @@ def find_crises(
             beyond += f"; no crisis was found of the unstable orbits there: {tried or 'none'}"
         found.append(NoCrisis(end + beyond, entry))
     return found
+
+
+def _find_widenings(
+    sweep: Sweep, diagram: Diagram, kernels: Kernels, impacts: int
+) -> list[Crisis | NoCrisis]:
+    """Find the crises at which the bands of complex motion become fewer and wider."""
+    found: list[Crisis | NoCrisis] = []
+    for way in sweep.directions:
+        for pair in pairwise(sweep.of(way)):
+            given = [(*_bands(row.attractor), row) for row in pair]
+            (laps, width, before), (fewer, wider, after) = sorted(given, key=lambda g: -g[0])
+            if not (fewer and laps > fewer and laps != 2 * fewer and wider > WIDER * width):
+                continue
+            orbits = _unstable_on(diagram, sweep, before.value, kernels)
+            if (window := _window(sweep, before, after, laps, kernels)) is not None:
+                around = Diagram(window.id, [window])
+                known = [orbit for orbit, _ in orbits]
+                for orbit, _ in _unstable_on(around, sweep, before.value, kernels):
+                    if not any(are_same_orbit(orbit, other) for other in known):
+                        orbits.append((orbit, None))
+            search = partial(locate_either, impacts=impacts)
+            crisis, tried = _first(orbits, before, after, search)
+            place = f"{sweep.parameter} = {before.value:.9g} and {after.value:.9g}"
+            reason = f"{before.attractor.notation} widens between {place}, from bands met after "
+            reason += f"{laps} impacts to such met after {fewer}; no crisis was found of the "
+            found.append(crisis or NoCrisis(f"{reason}unstable orbits there: {tried or 'none'}"))
+    return found
+
+
+def _bands(attractor: Attractor) -> tuple[int, float]:
+    """After how many impacts complex motion is in the same band again, and the width of its widest
+    band in velocity; zeros for other motion, or if it is not known for long enough."""
+    walls, velocities = attractor.walls, attractor.velocities
+    if attractor.kind is not Kind.COMPLEX or len(walls) < FULL * BANDS:
+        return 0, 0.0
+    widths = [
+        max(float(np.ptp(velocities[k::lap])) for k in range(lap))
+        if np.array_equal(walls[lap:], walls[:-lap])
+        else np.inf
+        for lap in range(1, BANDS + 1)
+    ]
+    narrow = [width < 2.0 * min(widths) for width in widths]
+    lap = narrow.index(True) + 1 if True in narrow else 1
+    return lap, widths[lap - 1]
+
+
+def _window(sweep: Sweep, row: Row, wide: Row, laps: int, kernels: Kernels) -> Branch | None:
+    """Return the branch of the orbit in the bands of complex motion, on which is that born beside
+    it at the fold of its window; None if no orbit is found."""
+    motion, letters = row.attractor, sweep.model.letters
+    rows = np.column_stack([motion.times, motion.velocities])
+    apart = np.abs(rows[laps:] - rows[:-laps])
+    turns = np.round(apart[:, 0] / motion.forcing_period)
+    away = np.abs(apart[:, 0] / motion.forcing_period - turns)
+    away += apart[:, 1] / np.max(np.abs(rows[:, 1]))
+    begin = int(np.argmin(away))
+    part = slice(begin, begin + laps)
+    rows[:, 0] -= motion.forcing_period * np.floor(rows[begin, 0] / motion.forcing_period)
+    word = Word("".join(letters[wall] for wall in motion.walls[part]), int(turns[begin]))
+    model = sweep.model.replace(**{sweep.parameter: row.value})
+    unknowns = np.append(rows[part].ravel(), row.value)
+    problem = problem_of(model, word, kernels)
+    if (found := solve_near(problem, unknowns)) is None:
+        return None
+    values = [other.value for other in sweep.rows]
+    fold = row.value + WINDOW * (row.value - wide.value)
+    with suppress(InputError):
+        values.append(model.require(sweep.parameter, "range").check(fold, "range"))
+    span = min(values), max(values)
+    return continue_orbit(Orbit(problem, found), range=span, events=("FB",), unphysical=False)
 
 
 Unstable = list[tuple[Orbit, str | None]]

@@ -17,11 +17,12 @@ import tomllib
 from collections import Counter
 from pathlib import Path
 
-from contimpact.diagrams.crises import find_crises
+from contimpact.diagrams.crises import find_ends
 from contimpact.diagrams.crisis_location import Crisis
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.scene_simulation import simulate
 from contimpact.results.scene import read_scene
+from contimpact.segments.kernels import Kernels
 
 HERE = Path(__file__).parent
 BRANCHES = HERE.parents[1] / "branches"
@@ -63,7 +64,8 @@ def rows(given):
     (_, scene), (figure, r), found = given, name_of(given).split(":"), []
     with tempfile.TemporaryDirectory() as folder:
         sweep = simulate(scene, Path(folder)).sweep
-    for end in find_crises(sweep, follow(scene)):
+    kernels = Kernels(sweep.model, sweep.parameter)
+    for end in find_ends(sweep, follow(scene), kernels):
         if isinstance(end, Crisis):
             found.append((figure, r, "CR", end.label, end.value, end.error, str(end)))
         elif (entry := end.entry) is not None:

@@ -517,6 +517,46 @@ def test_an_attractor_widens_in_an_interior_crisis(interior):
         assert_two_connections_meet(interior)
 
 
+@pytest.fixture(scope="module")
+def window():
+    """A sweep from a window with six bands out of it, where the orbit beside them is on no branch.
+
+    Its notation is 1:1/C on both sides.
+    """
+    model = ImpactPair(beta=math.pi / 6, r=0.5, A=5.0, s=0.3502)
+    found = sweep(model, "s", [0.3502, 0.34975, 0.3497], start=Simulator(model).state("B", 0.3, 1))
+    assert [row.attractor.notation for row in found.rows] == ["1:1/6T", "1:1/C", "1:1/C"]
+    return found
+
+
+@pytest.mark.full
+def test_bands_that_become_fewer_show_an_interior_crisis(window, monkeypatch):
+    """The orbit asked for is the unstable one born at the window's fold, s = .350359."""
+    asked = []
+    monkeypatch.setattr(
+        "contimpact.diagrams.crises.locate_either",
+        lambda orbit, motion, impacts: asked.append(orbit) or NoCrisis("for a reason"),
+    )
+    (end,) = find_crises(window, Diagram("none", []))
+    assert "widens between s = 0.34975 and 0.3497, from bands met after 12 impacts to" in str(end)
+    assert "met after 4; no crisis was found of the unstable orbits there: 1:1/6T" in str(end)
+    (orbit,) = asked
+    assert orbit.multipliers[0].real > 1.0
+    branch = continue_orbit(orbit, range=(0.349, 0.351), events=["FB"])
+    assert [round(e.value, 6) for e in branch.events] == [0.350359]
+
+
+@pytest.mark.slow
+def test_a_sweep_shows_an_interior_crisis(window, monkeypatch):
+    """That of `interior`, which is checked by flights in 30 digits."""
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "auto")
+    (found,) = find_crises(window, Diagram("none", []))
+    assert isinstance(found, Crisis)
+    assert (found.label, found.type) == ("CR[1:1/C|1:1/6T]", "interior")
+    assert abs(found.value - 0.349735500464764) <= found.error + 4e-13
+    assert found.branch is None
+
+
 @pytest.mark.slow
 def test_a_tangency_at_which_no_attractor_changes_is_refused():
     """Counted by a program of its own, 24% of the impacts of 3:1/C are on T on both sides of it."""
