@@ -18,7 +18,7 @@ from ..orbits.cyclic_chain import (
 from ..segments.arithmetic import Kernel, kernel_of
 from ..segments.flight import add_excursions
 from ..segments.kernels import Kernels
-from ..segments.linear_flow import MEANS, SLOPES, balance, flow, halve_time
+from ..segments.linear_flow import LONGEST, MEANS, SLOPES, balance, flow, halve_time
 from ..segments.machine_code import Program, choice
 from ..segments.oscillation import FollowedFlight, row_of, row_of_compiled
 from ..syntax import parse
@@ -60,7 +60,7 @@ def flow_compiled(d: int, h: int, directions: int, dt: float, space: Vector) -> 
     for i in range(matrix):
         work[i] = 0.0
     norm = balance(d, h, directions, numbers, scales, sums, sizes, work)
-    if not norm * abs(dt) < math.inf:
+    if not norm * abs(dt) < LONGEST:
         for i in range(tables):
             found[i] = math.nan
         return found

@@ -57,6 +57,8 @@ MEANS = tuple(1.0 / math.factorial(k + 1) for k in range(TERMS))
 SLOPES = tuple((k + 1.0) / math.factorial(k + 2) for k in range(TERMS))
 """Coefficients of phi'."""
 
+LONGEST = 2.0**60
+"""Longest flight, in radians or as an exponent: no digit is left of a phase beyond."""
 BEYOND = "a linear flight with numbers beyond the range of floats"
 
 
@@ -81,7 +83,7 @@ def _flow(
     scales, sums, sizes = [1.0] * n, [0.0] * n, [1.0] * (directions + 1)
     top = [0.0] * (n * n * (directions + 1))
     norm = balance(d, h, directions, numbers, scales, sums, sizes, top)
-    if not norm * abs(dt) < math.inf:
+    if not norm * abs(dt) < LONGEST:
         raise OverflowError(BEYOND)
     generator, units = np.array(top).reshape(n, -1), np.array(scales)
     mean, rate = _mean_rates(generator, d, dt, norm)
@@ -184,8 +186,6 @@ def choose_units(d: int, h: int, numbers: Sequence[float] | Vector, scales: Vect
                 stiffness = max(stiffness, size)
             elif j < 2 * d:
                 damping = max(damping, size)
-            else:
-                waves = max(waves, size)
     for i in range(h):
         size = abs(numbers[d * n + i])
         if not size < math.inf:
@@ -474,6 +474,14 @@ def scales_of(shape: Shape, generator: Array) -> Array:
     return scales
 
 
+def mean_of(shape: Shape, generator: Array, dt: float) -> Array:
+    """Return Q of floats, summed in the units of `scales_of`."""
+    scales = scales_of(shape, generator)
+    balance = scales / scales[:, None]
+    mean: Array = mean_rates(generator * balance, dt, series_of_floats)[0] / balance
+    return mean
+
+
 def _power_of_two(size: float) -> float:
     if not 0.0 < size < math.inf:
         raise OverflowError(BEYOND)
@@ -524,15 +532,11 @@ def _times(dt: Any, matrix: Array) -> Array:
     return product
 
 
-LONGEST = 2.0**60
-"""Longest piece of many flights, in radians or as an exponent."""
-
-
 def mean_rates(generator: Array, dt: Any, summed: Summed) -> tuple[Array, Array]:
     """Return Q and H of matrices G, shape (..., n, n), for a time as in `_times`.
 
-    Of many times they are NaN for those beyond the range of floats, or so long that no digit is
-    left of a phase: the others share their doublings.
+    Of many times they are NaN for those beyond the range of floats, or `LONGEST`: the others share
+    their doublings.
     """
     many = np.ndim(dt) == 3
     with np.errstate(over="ignore", invalid="ignore"):

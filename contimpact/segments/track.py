@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array, Vector
-from .linear_flow import BEYOND, Shape, generator_of, mean_rates, norm_in_units, series_of_floats
+from ..errors import InputError
+from .linear_flow import Shape, generator_of, mean_of, norm_in_units
 
 # Zeros of polynomials in pieces, each isolated by the signs of Bernstein coefficients.
 #
@@ -103,16 +104,19 @@ MOST_PIECES = 200_000
 time."""
 
 
+class TurnsError(InputError, OverflowError):
+    """Motions of a law turn, or decay, too often to be followed."""
+
+
 def turns_of(shape: Shape, generator: Array, length: float) -> float:
     """Return a bound of the radians by which motions of a law turn in a time.
 
-    Raises OverflowError for numbers beyond the range of floats, or more than `MOST_PIECES`.
+    Raises TurnsError for more than `MOST_PIECES`, or numbers beyond the range of floats.
     """
     size = norm_in_units(shape, generator) * length
-    if not size < math.inf:
-        raise OverflowError(BEYOND)
-    if size > MOST_PIECES:
-        raise OverflowError(f"a linear flight that turns by {size:.3g} radians")
+    if not size <= MOST_PIECES:
+        found = f"a flight whose frequencies or dampings times its duration come to {size:.3g}"
+        raise TurnsError("model", found, f"they may come to {MOST_PIECES:,}")
     return size
 
 
@@ -125,7 +129,7 @@ class Pieces:
         self.generator = generator_of(shape, numbers)
         self.count = max(1, math.ceil(turns_of(shape, self.generator, length)))
         self.piece = length / self.count
-        self.mean, _ = mean_rates(self.generator, self.piece, series_of_floats)
+        self.mean = mean_of(shape, self.generator, self.piece)
         self.step = self.generator * self.piece
 
 

@@ -97,12 +97,15 @@ def _outside_error(
 # Impacts at random, for systems of several coordinates.
 
 TRIES = 10_000
+PASSING = 100
+"""Trials after which a flight that passes a guard at once is taken."""
 GROWTH = 1.01
 """Factor by which the range of positions grows with each trial that lies beyond a guard."""
 
 
 def random_impact(automaton: Automaton, generator: np.random.Generator) -> State:
-    """Return an impact at random: guard, phase, and a state within the guards of its mode.
+    """Return an impact at random: guard, phase, and a state within the guards of its mode, after
+    which no guard is passed at once if there are such.
 
     Velocities are up to `Automaton.fastest`, positions first up to what that gives in a period.
     """
@@ -110,17 +113,26 @@ def random_impact(automaton: Automaton, generator: np.random.Generator) -> State
     phase = float(generator.uniform(0.0, automaton.period))
     speed, side = automaton.fastest, automaton.guards[wall].side
     reach = 0.1 * speed * automaton.period
-    section: tuple[float, ...] = ()
-    for _ in range(TRIES):
+    for attempt in range(TRIES):
         others = generator.uniform(-1.0, 1.0, 2 * automaton.size - 2)
         others[::2] *= reach
         others[1::2] *= speed
         velocity = side * float(generator.uniform(0.0, speed))
         section = (velocity, *others.tolist())
-        if _is_within_guards(automaton, wall, section):
+        state = State(wall, phase, velocity, others=section[1:])
+        if not _is_within_guards(automaton, wall, section):
+            reach *= GROWTH
+        elif attempt >= PASSING or _begins(automaton, state):
             break
-        reach *= GROWTH
-    return State(wall, phase, section[0], others=section[1:])
+    return state
+
+
+def _begins(automaton: Automaton, state: State) -> bool:
+    """Whether the flight after an impact has values and passes no guard at once."""
+    try:
+        return not automaton.passes(state)
+    except (ArithmeticError, ValueError):
+        return False
 
 
 def _is_within_guards(automaton: Automaton, wall: int, section: tuple[float, ...]) -> bool:
@@ -184,7 +196,8 @@ def _gaps_by_kernels(automaton: Automaton, state: State, _: int, dt: Array) -> t
 SLOW = 0.05
 """Flights after an impact slower than this part of the fastest may be short."""
 MOVED = 1e-10
-"""A wall is left by an impact elsewhere that gives it this part of the largest velocity."""
+"""A wall is left by an impact elsewhere that gives it this part of the largest velocity; a guard is
+passed at once, from its surface on, by this part of the fastest."""
 
 
 class Automaton:
@@ -350,7 +363,7 @@ class Automaton:
         resting = False
         for number, (window, held) in enumerate(self._windows(state)):
             resting = held != 0
-            if number == 0 and self._beyond(window, left):
+            if number == 0 and (self._beyond(window, left) or (not held and self.passes(state))):
                 return Outcome.BEYOND
             found = self._first(window, held, left if number == 0 else None, left)
             if found is not None:
@@ -442,6 +455,19 @@ class Automaton:
             curve, _, origin = window.coordinate(self.guards[numbers[0]])
             begin = origin + float(curve((), 0.0, ())[0])
             if any(self.guards[k].side * (self.positions[k] - begin) < 0.0 for k in numbers):
+                return True
+        return False
+
+    def passes(self, state: State) -> bool:
+        """Whether the flight after an impact begins on the surface of a guard of its mode and
+        passes it at once."""
+        left = self.guards[state.wall]
+        for k in () if state.released else self.passages.beginning(state.wall):
+            own = self.guards[k].row(self.size) == left.row(self.size)
+            name = self.guards[k].name
+            kernel = self.kernels.motion(left.name) if own else self.kernels.gap(left.name, name)
+            rate = kernel(state.phase, *state.section, 0.0, *self.values)[1]
+            if self.guards[k].side * rate > MOVED * self.fastest:
                 return True
         return False
 

@@ -31,7 +31,7 @@ from ..models.guards import pivot
 from ..segments.arithmetic import Kernel
 from ..segments.compiling import timed_plainly
 from ..segments.flight import hit_between
-from ..segments.linear_flow import Shape, generator_of, mean_rates, scales_of, series_of_floats
+from ..segments.linear_flow import Shape, generator_of, mean_of, scales_of
 from ..segments.segment import ELSEWHERE, Passages
 from ..segments.track import turns_of
 from .flights import REPEATED, TOGETHER
@@ -303,7 +303,9 @@ def arrivals(
         if not abs(c1) + abs(c2) < math.inf:
             return -2, 0.0, 0.0
         if left >= 0 and flights.row[left] == row:
-            if c1 == 0.0 or accumulates(flights, left, velocity, at, space):
+            if c1 == 0.0 or flights.leaving[left] * c1 > 0.0:  # at rest, or passing it at once
+                return -2, 0.0, 0.0
+            if accumulates(flights, left, velocity, at, space):
                 return -2, 0.0, 0.0
             if flights.stays[left] != 0:
                 origin = flights.positions[left]
@@ -463,7 +465,7 @@ def tables_of(law: Law, rows: Array, period: float, width: int) -> tuple[int, Ar
         vector = (vector @ turned) / (k + 1.0)
         table[:, :n, k] = vector
     steps = np.zeros((width, width))
-    steps[:n, :n] = piece * mean_rates(generator, piece, series_of_floats)[0]
+    steps[:n, :n] = piece * mean_of(law.shape, generator, piece)
     if not (np.all(np.isfinite(table)) and np.all(np.isfinite(steps))):
         raise OverflowError("a linear flight grows beyond the range of floats")
     return count, table, steps

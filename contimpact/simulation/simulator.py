@@ -358,12 +358,15 @@ def as_simulator(of: Simulator | Model) -> Simulator:
 def has_several_coordinates(model: Model, kernels: Kernels) -> bool:
     """Whether a system has more than one coordinate between two walls in each mode.
 
-    Linear flights are simulated faster as polynomials in pieces than by their kernels, too.
+    Linear flights are simulated faster as polynomials in pieces than by their kernels, too, and
+    where a jump may lead on at once to another mode's guard, each flight is looked at.
     """
-    passages = kernels.passages
+    passages, guards = kernels.passages, model.WALLS
     if model.DEGREES_OF_FREEDOM != 1 or 0.0 in passages.leaving:
         return True
-    if any(kernels.linear(guard.name) for guard in model.WALLS):
+    if any(kernels.linear(guard.name) for guard in guards):
+        return True
+    if any(passages.beginning(k) and not guard.rigid for k, guard in enumerate(guards)):
         return True
     met = (
         [g.side for g, sees in zip(model.WALLS, row, strict=True) if sees]

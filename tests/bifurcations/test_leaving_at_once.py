@@ -13,6 +13,8 @@ from contimpact.models.word import Word
 from contimpact.orbits.problem import Linearisation, OrbitProblem
 from contimpact.results.scene import read_scene
 from contimpact.segments.kernels import Kernels
+from contimpact.simulation.run import Outcome
+from contimpact.simulation.simulator import Simulator
 
 LAW = "a*cos(w*t) - x - 2*z*v"
 FRICTION = {
@@ -165,3 +167,63 @@ def test_the_sign_of_rounding_does_not_tell_what_a_flight_from_rest_passes(speed
     (touch,) = [t for t in orbit.gaps[0].touches if t is not None and t.wall == "B"]
     assert abs(touch.gap + depth) < 1e-12
     assert not orbit.verdict.physical
+
+
+# Motions that are simulated.
+
+
+@pytest.mark.parametrize(("w", "lasts"), [(0.45, False), (0.6, True)])
+def test_motion_that_does_not_leave_its_guard_is_not_simulated_on(w, lasts):
+    """A body would stick where its rate in the new mode leads back: it has come to rest by then."""
+    model = friction(w=w)
+    simulator = Simulator(model)
+    a, friction_force = model["a"], model["F"]
+    rate = float(a * np.cos(0.4 * w)) - 2.0 - friction_force
+    run = simulator.run(simulator.state("A", 0.4, rate, (2.0, 0.0)), impacts=40)
+    assert run.outcome is (Outcome.DONE if lasts else Outcome.BEYOND)
+    force = np.where(run.walls == 0, -friction_force, friction_force)  # before the impact
+    rates = a * np.cos(w * run.phases) - run.others[:, 0] + force
+    assert run.velocities == pytest.approx(rates, abs=1e-9)
+    before = run.velocities + np.where(run.walls == 0, 1.0, -1.0) * 2.0 * friction_force
+    on = np.where(run.walls == 0, before < 0.0, before > 0.0)
+    assert on[:-1].all()
+    assert bool(on[-1]) is lasts
+
+
+JUMP = {
+    "name": "jump",
+    "model": {
+        "system": "hybrid",
+        "period": "2*pi/w",
+        "parameters": {"a": 1.0, "w": 1.1, "e": 0.1, "H": 0.3},
+        "modes": {
+            "left": {"x": "v", "v": "a*cos(w*t) - x - 0.2*v"},
+            "right": {"x": "v", "v": "a*cos(w*t) - 3*x - 0.2*v"},
+        },
+        "guards": {
+            "A": {"mode": "left", "within": "x <= e", "to": "right", "set": {"v": "v - H"}},
+            "B": {"mode": "right", "within": "x >= e", "to": "left"},
+        },
+    },
+    "follow": {"parameter": "w", "range": [0.6, 1.5], "orbits": ["AB"]},
+}
+
+
+@pytest.mark.parametrize("law", ["", " - x**3/10"])
+@pytest.mark.parametrize("speed", [0.29, 0.31])
+def test_a_jump_back_ends_a_run(law, speed):
+    """A body that arrives more slowly than H would be on the other side's guard for ever."""
+    table = {**JUMP["model"], "modes": {n: dict(m) for n, m in JUMP["model"]["modes"].items()}}
+    for mode in table["modes"].values():
+        mode["v"] += law
+    simulator = Simulator(read_scene({**JUMP, "model": table}).model)
+    run = simulator.run(simulator.state("A", 0.3, speed), impacts=3)
+    assert run.outcome is (Outcome.DONE if speed > 0.3 else Outcome.BEYOND)
+    assert len(run) == (3 if speed > 0.3 else 0)
+
+
+def test_random_impacts_are_followed_by_flights():
+    simulator = Simulator(friction(w=0.6))
+    rng = np.random.default_rng(3)
+    starts = [simulator.random_state(rng) for _ in range(40)]
+    assert all(len(simulator.run(start, impacts=1)) == 1 for start in starts)

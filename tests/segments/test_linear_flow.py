@@ -19,6 +19,7 @@ from contimpact.segments.bounded import BOUNDED, BoundedNumber, many_digits
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.layout import flat
 from contimpact.segments.linear_flow import Shape, flow, flow_of_arrays, flow_of_series
+from contimpact.segments.track import Pieces
 
 CTX = mpmath.mp.clone()
 CTX.dps = 40
@@ -113,6 +114,26 @@ def test_flows(name):
         size[3] = max(size[3], fastest)  # accelerations: of a state that is rounded
         error = np.max(np.abs(found.reshape(truth.shape) - truth) / size)
         assert error < 1e-15 * (3.0 + abs(dt) * fastest), dt
+
+
+def test_a_larger_force_gives_the_same_flight_in_larger_units():
+    """A force has no part in how often a flight is doubled: an even power of two changes no digit
+    of its response."""
+    large, scale = 2.0**300, np.array([1.0, 1.0, 1.0, 1.0, *3 * [2.0**300]])
+    numbers = CASES["two masses"]
+    larger = numbers_of(K, C, large * np.array(PUSH), [1.3])
+    found, other = (np.reshape(flow(2, 1, 0, 4.0, *g), (4, 2, 7)) for g in (numbers, larger))
+    assert (found * scale).tolist() == other.tolist()
+    means = [Pieces(Shape(2, 1, 0), given, 4.0).mean for given in (numbers, larger)]
+    assert (means[0][:4] * scale).tolist() == means[1][:4].tolist()
+
+
+def test_a_flight_that_turns_too_often_is_refused_at_the_model():
+    numbers = numbers_of(K, [[1e9, 0.0], [0.0, 0.1]], PUSH, [1.3])
+    with pytest.raises(InputError, match="model: a flight whose frequencies or dampings"):
+        Pieces(Shape(2, 1, 0), numbers, 4.0)
+    with pytest.raises(OverflowError):
+        flow(2, 1, 0, 1e10, *numbers)
 
 
 def test_a_flight_of_no_duration():
