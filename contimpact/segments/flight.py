@@ -202,16 +202,12 @@ def breaks_of(
 def rounding_along(
     kernel: Kernel, head: Sequence[float], values: Sequence[float], begin: float = 0.0
 ) -> Rounding:
-    """Return what bounds the rounding of an acceleration, a kernel's third result: infinite where
-    that has no value."""
+    """Return what bounds the rounding of an acceleration, a kernel's third result."""
 
     def rounding(dt: float) -> float:
         from .bounded import bounds_of_kernel
 
-        try:
-            return float(bounds_of_kernel(kernel, [*head, begin + dt, *values])[1][2])
-        except ArithmeticError:
-            return math.inf
+        return float(bounds_of_kernel(kernel, [*head, begin + dt, *values])[1][2])
 
     return rounding
 

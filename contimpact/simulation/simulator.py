@@ -77,7 +77,11 @@ class Simulator(ParameterItems):
         self.derived = dict(zip(model.DERIVED, setup.derived, strict=True))
         kind = Automaton if has_several_coordinates(model, self.kernels) else OneCoordinate
         given = (model, self.kernels, self.period, self.positions, longest_flight)
-        self.machine: Automaton | OneCoordinate = kind(*given)
+        try:
+            self.machine: Automaton | OneCoordinate = kind(*given)
+        except ArithmeticError as error:
+            found, asked = f"{error} at low velocity", "give laws and resets of finite motions"
+            raise InputError("model", found, asked) from None
         self.restitution = self.machine.restitution
 
     def __repr__(self) -> str:
