@@ -138,8 +138,8 @@ class Compared:
         brief = any(end is not None and end - start < 1e-6 for *_, start, _, _, end in flights)
         turns = round(span / walker.period)
         backwards = np.min(np.diff([*(t for t, _ in impacts), impacts[0][0] + span])) < 0
-        if backwards:
-            self.counts["out of order"] += 1
+        self.counts["out of order"] += int(backwards)
+        if backwards or not open_by < CLOSES:  # of a slow arrival the gap tells more than the time
             open_by = np.max(np.abs(walker.residual(word, row_of(impacts), turns)))
         if not open_by < CLOSES and (backwards or not brief):
             self.wrong.append(f"{here}: open by {open_by:.3g}, physical {physical}")
