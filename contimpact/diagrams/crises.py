@@ -166,7 +166,9 @@ def _bands(attractor: Attractor) -> tuple[int, float]:
         for lap in range(1, BANDS + 1)
     ]
     narrow = [width < 2.0 * min(widths) for width in widths]
-    lap = narrow.index(True) + 1 if True in narrow else 1
+    if True not in narrow:
+        return 1, float(np.ptp(velocities))
+    lap = narrow.index(True) + 1
     return lap, widths[lap - 1]
 
 
