@@ -605,8 +605,8 @@ def _crisis(
         beside = f"motion at {orbit.value:.9g} is a transient, too, over in {lasting} impacts"
         return NoCrisis(f"{touches}, no attractor ends: {beside}")
     names = attractor.notation, type_, after.notation
-    seen = orbit.value, lasted
-    return Crisis(orbit.parameter, value, error, *names, *seen, there, path, there.model)
+    given = orbit.parameter, value, error, *names, orbit.value, lasted
+    return Crisis(*given, there, path, there.model)
 
 
 def _has_widened(
