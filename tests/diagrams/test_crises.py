@@ -574,7 +574,7 @@ MANY = [
     (math.pi / 6, 0.75, "2:2", 18.69645, 18.69739, 18.697402),
 ]
 """Before many tangencies: beta, r, the orbit, A; and values of A at which, simulated by a C program
-of its own, complex motion lasted 1.2e7, 4.8e7 and 8e7 impacts, and at which it left after 5e6, 8e6
+of its own, complex motion lasted 1.2e7, 4.8e7 and 4e7 impacts, and at which it left after 5e6, 8e6
 and 3e6."""
 
 
