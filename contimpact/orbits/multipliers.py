@@ -300,6 +300,11 @@ def pencil_multipliers(p: Array, q: Array) -> Array:
     """Return the values of mu at which P + mu Q is singular, in their order."""
     from scipy.linalg.lapack import dggev
 
+    # unknowns in units that lie far apart, as nanoseconds and metres per second do, would be
+    # rounded beside the largest; powers of two change no digit
+    sizes = np.maximum(np.max(np.abs(p), axis=0), np.max(np.abs(q), axis=0))
+    scales = np.exp2(-np.round(np.log2(np.where(sizes > 0.0, sizes, 1.0))))
+    p, q = p * scales, q * scales
     real, imaginary, below, _, _, _, failed = dggev(p, -q, 0, 0)  # eigvals takes five times longer
     if failed:
         raise np.linalg.LinAlgError("eigenvalues of a pencil did not converge")

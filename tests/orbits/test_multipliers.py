@@ -295,3 +295,13 @@ def test_a_denominator_that_is_rounding_gives_infinity(seed):
         values = stability.pencil_multipliers(p, left @ np.diag([1.0, 0.7, 0.2, rounded]) @ right)
         assert np.isinf(values[0])
         assert np.all(np.isfinite(values[1:]))
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_units_that_lie_far_apart_change_no_digit(count):
+    """As of times in nanoseconds beside velocities in metres per second, by powers of two."""
+    start, end = gentle_blocks(np.random.default_rng(5), count, 4)
+    units = 2.0 ** np.array([-30, 0, 30, 1])
+    found = stability.multipliers(start * units, end * units)
+    assert found.tolist() == stability.multipliers(start, end).tolist()
+    assert worst_match(found, exact_multipliers(start, end)) < 1e-14
