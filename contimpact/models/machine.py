@@ -352,7 +352,8 @@ def text_of(given: Any, where: str) -> str:
         accepted = "give a number, or an expression in quotes"
         raise InputError(where, f"found {short_repr(given)}", accepted)
     if not abs(given) <= LARGEST:
-        raise InputError(where, f"found {given}", f"give a number of at most {LARGEST:g}")
+        accepted = f"give a number of at most {LARGEST:g}"
+        raise InputError(where, f"found {short_repr(given)}", accepted)
     return repr(given)
 
 

@@ -79,7 +79,9 @@ class Simulator(ParameterItems):
         given = (model, self.kernels, self.period, self.positions, longest_flight)
         try:
             self.machine: Automaton | OneCoordinate = kind(*given)
-        except ArithmeticError as error:
+        except InputError:
+            raise
+        except (ArithmeticError, ValueError) as error:
             found, asked = f"{error} at low velocity", "give laws and resets of finite motions"
             raise InputError("model", found, asked) from None
         self.restitution = self.machine.restitution

@@ -230,10 +230,11 @@ def test_mistakes_in_stated_systems_are_placed(first, tmp_path):
     assert failures(range(first, first + PER_TEST), tmp_path) == []
 
 
-SLOW = (2009, 1000597, 1001428, 1001879, 1001980, 1002319, 1003701)
+SLOW = (2009, 1000597, 1001428, 1001879, 1001980, 1002319, 1003701, 1007518, 1009582)
 """Cases that failed: a stop so far away that each flight takes thousands of steps; impacts without
 end at one instant; forces of 1e99; a damping of 2e9; a key of two lines; velocities of 1e300,
-after an impact, too."""
+after an impact, too; a force that has the logarithm of the time; a whole number of five thousand
+digits."""
 
 
 @pytest.mark.full
