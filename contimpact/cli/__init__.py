@@ -129,7 +129,7 @@ def parser() -> argparse.ArgumentParser:
     argument(report, "-q --quiet", "print nothing but errors")
     argument(report, "--no-plot", "leave the plots out")
 
-    certify = add("certify", "run.certify", "prove what a catalogue says")
+    certify = add("certify", "certify.command", "prove what a catalogue says")
     argument(certify, "target SCENE|DIR", "a scene file (TOML) to run first, or a folder")
     argument(certify, "-o --output DIR", "folder to write to, with a scene")
     argument(certify, "--verify", "repeat the proofs that are stored in DIR")

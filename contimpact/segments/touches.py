@@ -112,12 +112,23 @@ def not_past(
     values: Sequence[float],
     positions: Sequence[float],
 ) -> Iterator[tuple[str, float]]:
-    """Yield the limit that a guard leads past, and by what (negative) gap it does not."""
-    if guard.past:
-        ((sliding, limit, _),) = limits_of(kernels, guard.name)
-        within = margin(kernels, sliding, limit, leave, values, positions)
-        if within > 0.0:
-            yield limit, -within
+    """Yield the limit that a guard leads past, and by what (negative) gap it does not; past it, the
+    guard on its surface by which the flight goes back at once, and with what rate, as where a body
+    that slips has more friction than one that sticks."""
+    if not guard.past:
+        return
+    ((sliding, limit, _),) = limits_of(kernels, guard.name)
+    within = margin(kernels, sliding, limit, leave, values, positions)
+    if within > 0.0:
+        yield limit, -within
+        return
+    left, passages = kernels.model.letters.index(guard.name), kernels.passages
+    for k, other in enumerate(kernels.model.WALLS):
+        if passages.watched[left][k] and passages.arrivals[left][k] != ELSEWHERE and not other.past:
+            _, rate, acceleration = kernels.gap(guard.name, other.name)(*leave, 0.0, *values)
+            least = AT_REST * abs(acceleration) * kernels.setup(*values).period
+            if other.side * rate > least:
+                yield other.name, -abs(float(rate))
 
 
 ROUNDING = 1e-12
