@@ -148,8 +148,8 @@ class Motions:
             source.write_text(text)
             built = str(source.with_suffix(".so")), str(source)
             subprocess.run([COMPILER, "-O2", "-shared", "-fPIC", "-o", *built, "-lm"], check=True)
-        self.library = ctypes.CDLL(str(source.with_suffix(".so")))
-        self.library.first_gap.restype = ctypes.c_double
+        self.program = ctypes.CDLL(str(source.with_suffix(".so")))
+        self.program.first_gap.restype = ctypes.c_double
 
     def forcing_period(self, values):
         known = {"pi": np.pi, **values}
@@ -160,7 +160,7 @@ class Motions:
         p = _pointer(np.array([values[name] for name in self.parameters]))
         for _ in range(200):
             y = np.append(draw.uniform(-size, size, len(self.names)), 0.0)
-            if all(self.library.first_gap(g, _pointer(y), p) > 0.0 for g in self.begun_at):
+            if all(self.program.first_gap(g, _pointer(y), p) > 0.0 for g in self.begun_at):
                 return y, ctypes.c_int(0)
         return None
 
@@ -168,7 +168,7 @@ class Motions:
         """Move a motion on; returns the letters, and rows of the time and the state before each."""
         p = np.array([values[name] for name in self.parameters], dtype=float)
         met, at = np.zeros(MOST, dtype=np.int32), np.zeros((MOST, len(y)))
-        count = self.library.run(
+        count = self.program.run(
             _pointer(y), ctypes.byref(mode), _pointer(p), ctypes.c_double(h), ctypes.c_long(steps),
             MOST, met.ctypes.data_as(ctypes.c_void_p), _pointer(at),
         )  # fmt: skip

@@ -113,7 +113,7 @@ def not_past(
     positions: Sequence[float],
 ) -> Iterator[tuple[str, float]]:
     """Yield the limit that a guard leads past, and by what (negative) gap it does not; past it, the
-    guard on its surface by which the flight goes back at once, and with what rate, as where a body
+    guard on its surface by which the flight goes back at once, and about how far, as where a body
     that slips has more friction than one that sticks."""
     if not guard.past:
         return
@@ -128,7 +128,8 @@ def not_past(
             _, rate, acceleration = kernels.gap(guard.name, other.name)(*leave, 0.0, *values)
             least = AT_REST * abs(acceleration) * kernels.setup(*values).period
             if other.side * rate > least:
-                yield other.name, -abs(float(rate))
+                depth = rate**2 / (2.0 * abs(acceleration)) if acceleration else abs(rate)
+                yield other.name, -max(float(depth), SMALLEST)
 
 
 ROUNDING = 1e-12
