@@ -78,10 +78,8 @@ def ranges(options: argparse.Namespace) -> int:
         tell("reading")
         alone = is_there(folder / "sweep.csv") and not is_there(folder / "catalogue.json")
         found = load_ranges(folder, scene_in(folder, systems).model if alone else None)
-    for value in options.at:
-        say(found.describe(value))
-    if not options.at:
-        say(repr(found))
+    for text in [*map(found.describe, options.at), *found.notes] if options.at else [repr(found)]:
+        say(text)
     if options.output:
         target = Path(options.output)
         write_all(target.parent, {target.name: partial(ranges_text, found)})

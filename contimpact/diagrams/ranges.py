@@ -86,7 +86,8 @@ class Ranges(NotebookResult):
         raise InputError(self.parameter, f"found {value}", accepted)
 
     def describe(self, value: float) -> str:
-        """Return in words what is observed at a value, and how far each attractor's end is."""
+        """Return in words what is observed at a value, and how far each attractor's end is; what
+        may be missing is in `notes`."""
         here = self.at(value)
         lines = [f"{self.parameter} = {value:.9g}: {_count(here)}"]
         for one in here.observed:

@@ -179,6 +179,7 @@ def test_the_command(capsys, tmp_path):
     assert main(["range", str(ROOT / "branches/fig7"), "--at", "0.356"]) == 0
     printed = capsys.readouterr().out
     assert printed.startswith("s = 0.356: 2 attractors\n  2:1 on b2; impacts at up to 0.6378\n")
+    assert printed.endswith("simulated from 0.2217 to 0.4016 only\n")
     table = tmp_path / "ranges.csv"
     assert main(["range", str(ROOT / "branches/fig7"), "-o", str(table)]) == 0
     head, *lines = table.read_text(encoding="utf-8").splitlines()
