@@ -63,7 +63,9 @@ class CrisisCurve:
         )
         ends = [f"  end: {end.message}" for end in self.ends]
         left = int(np.sum(~self.physical))
-        return "\n".join([head, *ends, *([f"  not physical: {left} points"] if left else [])])
+        known = "  whether an attractor reaches it is known where it was located alone"
+        unphysical = [f"  not physical: {left} points"] if left else []
+        return "\n".join([head, *ends, *unphysical, known])
 
 
 @explain_arguments

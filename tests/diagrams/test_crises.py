@@ -156,6 +156,7 @@ def test_a_curve_in_two_parameters(crisis):
         assert curve.at(r) == pytest.approx([AT_R[r]], abs=1e-12)
     assert curve.at(0.36) == []
     assert "27 points, r from 0.25 to 0.35" in repr(curve)
+    assert repr(curve).endswith("known where it was located alone")
 
 
 @pytest.mark.full
