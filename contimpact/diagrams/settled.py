@@ -81,8 +81,9 @@ class Settled(NamedTuple):
     """Whether they ended before what `MOTIONS` and `QUIET` say, by `DEAR_STEPS`."""
 
     def words(self) -> list[str]:
-        """Return the words of the orbits, and 0 if motions fly on without impacts."""
-        return [*(str(word_of(orbit)) for orbit in self.orbits), *(["0"] if self.flown else [])]
+        """Return the words of the orbits, each once, and 0 if motions fly on without impacts."""
+        words = dict.fromkeys(str(word_of(orbit)) for orbit in self.orbits)
+        return [*words, *(["0"] if self.flown else [])]
 
     def remarks(self, place: str, quiet: bool) -> list[str]:
         """Return what else the motions do that were simulated at a place, in sentences.
