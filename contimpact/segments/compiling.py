@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..arrays import ENTRY, TABLE
 from ..errors import InputError
-from ..storage.files import cache_folder, load_file, logger, reason, store_file
+from ..storage.files import cache_folder, is_intact, logger, processor, put_with_digest
 
 if TYPE_CHECKING:
     from .machine_code import Program
@@ -209,7 +209,7 @@ _MISSING: set[tuple[str, ...]] = set()
 @functools.cache
 def _machine() -> tuple[str, ...]:
     """What machine code depends on besides the program: package, system and processor."""
-    return _own_files(), sys.platform, platform.machine(), _processor()
+    return _own_files(), sys.platform, platform.machine(), processor()
 
 
 def _own_files() -> str:
@@ -218,16 +218,6 @@ def _own_files() -> str:
     for file in sorted(Path(__file__).parent.parent.rglob("*.py")):
         digest.update(file.read_bytes())
     return digest.hexdigest()
-
-
-def _processor() -> str:
-    """The processor's model and features as the system reports them."""
-    try:
-        text = Path("/proc/cpuinfo").read_text()
-    except OSError:
-        return platform.processor()
-    lines = [line for line in text.splitlines() if line.startswith(("model name", "flags"))]
-    return "\n".join(lines[:2])
 
 
 def _load_cached(folder: Path, name: str, arguments: Sequence[str]) -> CompiledProgram | None:
@@ -240,9 +230,9 @@ def _load_cached(folder: Path, name: str, arguments: Sequence[str]) -> CompiledP
         for kind in (ctypes.c_void_p, *[ctypes.c_int64] * (2 if argument == TABLE else 1))
     ]
     library, machine_code = folder / f"{name}.so", folder / f"{name}.o"
-    if _is_intact(machine_code) and not _is_intact(library):
+    if is_intact(machine_code) and not is_intact(library):
         _link(machine_code, library)
-    if _is_intact(library):
+    if is_intact(library):
         try:
             loaded = ctypes.CDLL(str(library))
             function = getattr(loaded, ENTRY)
@@ -251,7 +241,7 @@ def _load_cached(folder: Path, name: str, arguments: Sequence[str]) -> CompiledP
         else:
             function.argtypes, function.restype = kinds, ctypes.c_int64
             return CompiledProgram(function, loaded)
-    if importlib.util.find_spec("llvmlite") is None or not _is_intact(machine_code):
+    if importlib.util.find_spec("llvmlite") is None or not is_intact(machine_code):
         return None
     return _load_by_llvm(machine_code, kinds)
 
@@ -266,36 +256,6 @@ def _link(machine_code: Path, library: Path) -> None:
             put_with_digest(library, content)
     except OSError as error:
         logger(__name__).info("%s is not made: %s", library, error)
-
-
-def put_with_digest(path: Path, content: bytes) -> None:
-    """Store a file and its digest."""
-    store_file(path, content)
-    store_file(_digest_beside(path), _digest(path, content))
-
-
-def _digest_beside(path: Path) -> Path:
-    """The file that holds the digest of a file of machine code."""
-    return path.with_name(f"{path.name}.sha256")
-
-
-def _digest(path: Path, content: bytes) -> bytes:
-    """Digest of a file with its name, so that a renamed file does not match."""
-    return hashlib.sha256(path.name.encode() + b"\0" + content).hexdigest().encode()
-
-
-def _is_intact(path: Path) -> bool:
-    """Whether a file is as this user wrote it; loading a damaged one could crash."""
-    try:
-        expected, found = load_file(_digest_beside(path)), _digest(path, load_file(path))
-    except FileNotFoundError:
-        return False
-    except OSError as error:
-        logger(__name__).warning("compiled code %s is not used: %s", path, reason(error))
-        return False
-    if found != expected:
-        logger(__name__).warning("compiled code %s is damaged and not used", path)
-    return found == expected
 
 
 def _load_by_llvm(path: Path, kinds: Sequence[Any]) -> CompiledProgram:

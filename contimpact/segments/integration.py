@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import hashlib
 import importlib.util
 import math
 import sys
@@ -12,6 +13,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
@@ -19,6 +21,7 @@ import numpy as np
 from ..arrays import Array, Vector
 from ..errors import NotInstalledError
 from ..models.expressions import FUNCTIONS
+from ..storage.files import kept_object
 from .track import coefficients_of, sign_changes
 
 # Flights that are integrated: :math:`\ddot x = f(t, x, \dot x)` by Taylor's method.
@@ -152,10 +155,8 @@ class Integrator:
         self.hy = hy = _heyoka()
         self.stated, self.directions, self.degree = statement(field), directions, degree
         self.bits = bits
-        system, keys = self._equations()
-        if degree:
-            system, keys = self._series(system, keys)
-        self._adaptive = self._compiled(system)
+        identity = hy.__version__, type(self).__name__, field, *directions, str(degree), str(bits)
+        keys, self._adaptive = kept_object("integrator", (*identity, _own_text()), self._built)
         self._places = {key: i for i, key in enumerate(keys)}
         self._scale = self._number(SCALE)
         self._blank = [self._number(0.0)] * len(keys)
@@ -175,6 +176,13 @@ class Integrator:
         self._orders = np.arange(self._adaptive.order + 1.0)
         outcome = hy.taylor_outcome
         self._arrived, self._stepped = {outcome.time_limit}, {outcome.time_limit, outcome.success}
+
+    def _built(self) -> tuple[list[tuple[str, str, int]], Any]:
+        """What each equation is of, and the integrator of the equations."""
+        system, keys = self._equations()
+        if self.degree:
+            system, keys = self._series(system, keys)
+        return keys, self._compiled(system)
 
     def _compiled(self, system: list[Any]) -> Any:
         kind: dict[str, Any] = {}
@@ -302,18 +310,21 @@ class Integrator:
         d = self.stated.freedom
         self._given[:] = numbers[: self._used]
         self._begin(numbers[2 + d : 2 + 2 * d])
-        times, found = [0.0], list[Array]()
+        times, lengths, found, now = [0.0], list[float](), list[Array](), 0.0
         step, adaptive, terms = self._adaptive.step, self._adaptive, self._adaptive.tc
         most = _allowed(MOST_STEPS)
         try:
-            while times[-1] < 1.0:  # continuous output would be compiled anew each time
-                said, length = step(max_delta_t=1.0 - times[-1], write_tc=True)
+            while now < 1.0:  # continuous output would be compiled anew each time
+                said, length = step(max_delta_t=1.0 - now, write_tc=True)
                 self._check(said, self._stepped, len(found), most)
-                found.append(terms * (length**self._orders))
-                times.append(adaptive.time)
+                found.append(terms.copy())
+                lengths.append(length)
+                now = adaptive.time
+                times.append(now)
         finally:
             _charge(len(found) + 1)
-        terms = np.array(found) / SCALE
+        powers = np.array(lengths)[:, None, None] ** self._orders
+        terms = np.array(found) * powers / SCALE
         return np.array(times), terms[:, self._rows[:d, 0]], terms[:, self._rows[d : 2 * d, 0]]
 
     def _begin(self, speeds: Sequence[Any]) -> None:
@@ -346,6 +357,12 @@ class Integrator:
 
     def _number(self, value: Any) -> Any:
         return self.hy.real(value, self.bits) if self.bits else float(value)
+
+
+@functools.cache
+def _own_text() -> str:
+    """Digest of this file, from which the equations are made."""
+    return hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
 
 
 def _name(key: tuple[str, str, int]) -> str:
@@ -402,11 +419,10 @@ class BatchIntegrator(Integrator):
 
     def __init__(self, field: str, directions: tuple[str, ...]) -> None:
         super().__init__(field, directions, 0, 0)
-        self.field = field
+        self.field, self.lanes = field, self._state.shape[1]
 
     def _compiled(self, system: list[Any]) -> Any:
-        self.lanes = self.hy.recommended_simd_size()
-        blank = np.zeros((len(system), self.lanes))
+        blank = np.zeros((len(system), self.hy.recommended_simd_size()))
         return self.hy.taylor_adaptive_batch(system, blank, opt_level=1)
 
     def each(self, rows: Array) -> Array:

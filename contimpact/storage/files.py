@@ -16,6 +16,7 @@ import json
 import lzma
 import math
 import os
+import platform
 import re
 import stat
 import sys
@@ -680,3 +681,92 @@ def load_file(path: Path) -> bytes:
     if fault := distrust_reason(status):
         raise PermissionError(f"it {fault}")
     return content
+
+
+# What runs as machine code: files with digests, for damaged ones could crash.
+
+
+def put_with_digest(path: Path, content: bytes) -> None:
+    """Store a file and its digest."""
+    store_file(path, content)
+    store_file(digest_beside(path), _digest(path, content))
+
+
+MOST_KEPT = 256
+"""Objects that `kept_object` leaves in the cache; the oldest go first."""
+
+
+def kept_object(kind: str, identity: Sequence[str], build: Callable[[], Any]) -> Any:
+    """Return an object that holds machine code: from the cache, or built and stored there.
+
+    Parameters
+    ----------
+    kind : str
+        What it is, the beginning of its file's name.
+    identity : sequence of str
+        What it depends on besides the processor.
+    build : callable
+        Makes it; the object can be pickled.
+    """
+    import pickle
+    import zlib
+
+    folder = cache_folder()
+    if folder is None:
+        return build()
+    digest = hashlib.sha256("\0".join((*identity, platform.machine(), processor())).encode())
+    path = folder / f"{kind}-{digest.hexdigest()[:24]}.pickle"
+    if is_intact(path):
+        try:
+            return pickle.loads(zlib.decompress(load_file(path)))
+        except Exception as error:  # of whatever kind: it can be built instead
+            logger(__name__).warning("%s is not used: %s", path, reason(error))
+    found = build()
+    try:
+        put_with_digest(path, zlib.compress(pickle.dumps(found), 1))
+        _remove_oldest(folder, kind)
+    except OSError as error:
+        logger(__name__).info("%s is not stored: %s", path, reason(error))
+    return found
+
+
+def _remove_oldest(folder: Path, kind: str) -> None:
+    """Remove all objects of a kind but the newest `MOST_KEPT`."""
+    paths = sorted(folder.glob(f"{kind}-*.pickle"), key=lambda path: path.stat().st_mtime)
+    for path in paths[:-MOST_KEPT]:
+        for file in (path, digest_beside(path)):
+            file.unlink(missing_ok=True)
+
+
+def digest_beside(path: Path) -> Path:
+    """The file that holds the digest of a file of machine code."""
+    return path.with_name(f"{path.name}.sha256")
+
+
+def _digest(path: Path, content: bytes) -> bytes:
+    """Digest of a file with its name, so that a renamed file does not match."""
+    return hashlib.sha256(path.name.encode() + b"\0" + content).hexdigest().encode()
+
+
+def is_intact(path: Path) -> bool:
+    """Whether a file is as this user wrote it; loading a damaged one could crash."""
+    try:
+        expected, found = load_file(digest_beside(path)), _digest(path, load_file(path))
+    except FileNotFoundError:
+        return False
+    except OSError as error:
+        logger(__name__).warning("%s is not used: %s", path, reason(error))
+        return False
+    if found != expected:
+        logger(__name__).warning("%s is damaged and not used", path)
+    return found == expected
+
+
+def processor() -> str:
+    """The processor's model and features as the system reports them."""
+    try:
+        text = Path("/proc/cpuinfo").read_text()
+    except OSError:
+        return platform.processor()
+    lines = [line for line in text.splitlines() if line.startswith(("model name", "flags"))]
+    return "\n".join(lines[:2])

@@ -27,6 +27,7 @@ from contimpact.orbits.problem import OrbitProblem
 from contimpact.segments import compiling as module
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.machine_code import Program
+from contimpact.storage import files
 from contimpact.systems.soft_stop import SoftStop
 
 EVENTS = ("FB", "BP", "PD", "NS", "G", "V", "T")
@@ -318,9 +319,9 @@ def test_a_later_process_loads_compiled_code_without_llvmlite(plain_and_compiled
 def test_without_a_linker_machine_code_is_loaded_through_llvm(plain_and_compiled, monkeypatch):
     problem = problem_of()
     plain_and_compiled(lambda: backend_of(problem, ()).compiled())
-    intact = module._is_intact
+    intact = module.is_intact
     monkeypatch.setattr(module, "_LOADED", {})
-    monkeypatch.setattr(module, "_is_intact", lambda path: path.suffix == ".o" and intact(path))
+    monkeypatch.setattr(module, "is_intact", lambda path: path.suffix == ".o" and intact(path))
     model = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.34)
     plain, fast = plain_and_compiled(lambda: walks(model, "BT", "s", (0.3, 0.4)))
     for one, other in zip(plain, fast, strict=True):
@@ -364,9 +365,9 @@ def test_a_lost_or_damaged_library_is_linked_again(copied, plain_and_compiled, d
         elif damage == "cut":
             library.write_bytes(library.read_bytes()[:1000])
         else:
-            module._digest_beside(library).write_bytes(b"\xff\xfe")
+            files.digest_beside(library).write_bytes(b"\xff\xfe")
     run_again(plain_and_compiled)
-    assert any(module._is_intact(library) for library in libraries(copied))
+    assert any(module.is_intact(library) for library in libraries(copied))
 
 
 @needs_llvmlite
@@ -438,9 +439,9 @@ def empty_cache(tmp_path, monkeypatch):
 def test_damaged_code_is_not_loaded(tmp_path, caplog):
     damaged = tmp_path / "damaged.so"
     damaged.write_bytes(b"no machine code")
-    module._digest_beside(damaged).write_text("0" * 64)
+    files.digest_beside(damaged).write_text("0" * 64)
     with caplog.at_level(logging.WARNING):
-        assert not module._is_intact(damaged)
+        assert not module.is_intact(damaged)
     assert "damaged and not used" in caplog.text
 
 

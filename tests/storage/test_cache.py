@@ -9,9 +9,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from contimpact.segments import compiling
 from contimpact.segments.kernels import Kernels
 from contimpact.storage import files
 
@@ -105,21 +105,21 @@ def test_what_belongs_to_somebody_else_is_not_used(folder, pair, caplog):
 def test_machine_code_that_others_can_write_is_not_loaded(folder, caplog, forged):
     folder.mkdir(mode=0o700)
     for kind in (".so", ".o"):
-        compiling.put_with_digest(folder / f"compiled-x{kind}", b"code")
+        files.put_with_digest(folder / f"compiled-x{kind}", b"code")
     path = folder / f"compiled-x{forged}"
-    assert compiling._is_intact(folder / "compiled-x.so")
+    assert files.is_intact(folder / "compiled-x.so")
     path.chmod(0o622)
-    assert not compiling._is_intact(folder / f"compiled-x{forged.removesuffix('.sha256')}")
+    assert not files.is_intact(folder / f"compiled-x{forged.removesuffix('.sha256')}")
     assert "may be written by others" in caplog.text
 
 
 def test_a_digest_is_of_one_name(folder):
     """Machine code that was given another program's name is not loaded as that."""
     folder.mkdir()
-    compiling.put_with_digest(folder / "compiled-one.so", b"code")
+    files.put_with_digest(folder / "compiled-one.so", b"code")
     for end in (".so", ".so.sha256"):
         (folder / f"compiled-one{end}").rename(folder / f"compiled-two{end}")
-    assert not compiling._is_intact(folder / "compiled-two.so")
+    assert not files.is_intact(folder / "compiled-two.so")
 
 
 @pytest.mark.parametrize("named", [".", "cache", "-cache", "a/../b"])
@@ -200,3 +200,33 @@ def test_what_a_killed_process_left_in_the_cache_is_removed(folder, pair):
     files._remove_leftovers.cache_clear()
     files.cache_folder()
     assert list(folder.glob(".*.tmp")) == []
+
+
+def test_an_integrator_is_built_once(folder, monkeypatch):
+    """A later process has it from the cache, with the same numbers, unless its file is damaged."""
+    pytest.importorskip("heyoka", reason="needs contimpact[ode]")
+    from contimpact.segments.integration import BatchIntegrator, Integrator
+
+    def numbers():
+        one = Integrator("w: w*cos(t) - x0**3", ("dt", "v0"), 0, 0)
+        many = BatchIntegrator("w: w*cos(t) - x0**3", ())
+        start = [1.5, 0.2, 0.1, 0.3, 0.7]
+        return [*one(start), *many.each(np.array([start]))[0].tolist()]
+
+    found, built = numbers(), []
+    monkeypatch.setattr(Integrator, "_equations", lambda self: built.append(self))
+    assert numbers() == found
+    assert not built
+    monkeypatch.undo()
+    monkeypatch.setenv("CONTIMPACT_CACHE", str(folder))
+    for path in folder.glob("integrator-*.pickle"):
+        path.write_bytes(b"damaged")
+    assert numbers() == found
+
+
+def test_the_oldest_objects_leave_the_cache(folder, monkeypatch):
+    monkeypatch.setattr(files, "MOST_KEPT", 2)
+    for name in "abc":
+        assert files.kept_object("thing", [name], lambda name=name: name) == name
+    assert len(list(folder.glob("thing-*.pickle"))) == 2
+    assert len(list(folder.glob("thing-*.sha256"))) == 2
