@@ -8,7 +8,10 @@ mismatch`` (its issue 106905). All the package's parsing takes one lock therefor
 from __future__ import annotations
 
 import ast
+import pkgutil
 import threading
+from collections.abc import Iterable, Iterator
+from typing import Any
 
 _LOCK = threading.RLock()
 
@@ -23,3 +26,10 @@ def parse_expression(text: str) -> ast.expr:
     """Return the tree of an expression."""
     with _LOCK:
         return ast.parse(text, mode="eval").body
+
+
+def sources_in(folders: Iterable[str]) -> Iterator[tuple[str, str]]:
+    """Yield name and text of each module in folders, none of which is imported."""
+    for module in pkgutil.iter_modules(folders):
+        loader: Any = module.module_finder.find_spec(module.name, None).loader  # type: ignore[union-attr]
+        yield module.name, loader.get_source(module.name)

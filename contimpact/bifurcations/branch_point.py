@@ -20,6 +20,7 @@ from ..continuation.problem import Problem
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from .codimension_two import CurvePoint, GrazingCoincides, StopCoincides
+from .declarations import declared
 from .extended_system import (
     ROUNDING,
     Crossing,
@@ -65,6 +66,7 @@ class BranchPoint(OrbitTest):
         return has_multiplier(event, 1.0)
 
 
+@declared(place=2, born=True, curves=True, second=True)
 class BP(Kind):
     """Branch point."""
 

@@ -1,46 +1,68 @@
 """The kinds of events by name, for whoever only has to read or to list them.
 
-A kind is declared here, for scenes, and defined in the file of its own that the declaration names.
+A kind is declared in the file of its own that defines it, which need not be imported for that.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+import ast
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple, cast
 
 from ..errors import InputError, short_repr
 from ..models.model import Model
+from ..syntax import parse_expression, sources_in
 
 
 class KindDeclaration(NamedTuple):
-    """What can be said of a kind before anything is computed.
-
-    `file` is the module that defines it, in a class of its name. It is looked for unless a scene
-    says otherwise if it is `usual`, one that is about `tori` only where a model can have them.
-    Other branches are `born` there, or the motion itself `continues` on another word; it has
-    `curves` in two parameters; its equations need `second` derivatives.
-    """
+    """What can be said of a kind before anything is computed."""
 
     name: str
     file: str
+    """`name`, `file`: its name, which is that of its class, and the module that defines it."""
+    place: int
+    """Where it comes in lists of kinds."""
     usual: bool = True
-    born: bool = False
-    curves: bool = False
-    second: bool = False
     tori: bool = False
+    """`usual`, `tori`: whether it is looked for unless a scene says otherwise, one that is about
+    tori only where a model can have them."""
+    born: bool = False
     continues: bool = False
+    """`born`, `continues`: whether other branches are born there, or the motion itself goes to
+    another word."""
+    curves: bool = False
+    """Whether it has curves in two parameters."""
+    second: bool = False
+    """Whether its equations need second derivatives."""
 
 
-DECLARED = (
-    KindDeclaration("FB", "fold", curves=True, second=True),
-    KindDeclaration("BP", "branch_point", born=True, curves=True, second=True),
-    KindDeclaration("PD", "doubling", born=True, curves=True, second=True),
-    KindDeclaration("NS", "torus", curves=True, second=True, tori=True),
-    KindDeclaration("G", "grazing", born=True, curves=True),
-    KindDeclaration("V", "zero_velocity", born=True, curves=True),
-    KindDeclaration("T", "zero_duration", born=True, continues=True),
-    KindDeclaration("UZ", "requested", usual=False, curves=True),
-)
+def declared(**_said: bool | int) -> Callable[[type], type]:
+    """Return the decorator that declares a kind: the fields of `KindDeclaration` from `place` on.
+
+    Declarations are read from the files' texts, and nothing else is done with them. The decorator
+    is the line above the class, which has the kind's name.
+    """
+    return lambda kind: kind
+
+
+_DECLARED = re.compile(r"^@declared(\([^()]*\))\nclass (\w+)\(", re.MULTILINE)
+
+
+def kinds_in(folders: Iterable[str]) -> tuple[KindDeclaration, ...]:
+    """Return what the files in folders declare; they are read, and not imported."""
+    found = []
+    for file, text in sources_in(folders):
+        for said, name in _DECLARED.findall(text):
+            call = cast(ast.Call, parse_expression(f"declared{said}"))
+            fields = {str(k.arg): ast.literal_eval(k.value) for k in call.keywords}
+            found.append(KindDeclaration(name, file, **fields))
+    return tuple(sorted(found, key=lambda kind: (kind.place, kind.name)))
+
+
+DECLARED = kinds_in([str(Path(__file__).parent)])
+"""The kinds of the package."""
 
 FILES = {kind.name: kind.file for kind in DECLARED}
 KINDS = tuple(FILES)

@@ -35,6 +35,7 @@ from .codimension_two import (
     StopCoincides,
     double_orbit,
 )
+from .declarations import declared
 from .extended_system import (
     ROUNDING,
     ExtendedSystem,
@@ -125,6 +126,7 @@ def _curve_direction(here: Linearisation, q: Array) -> Array:
     return np.linalg.svd(jacobian)[2][-1, : len(here.unknowns)]
 
 
+@declared(place=3, born=True, curves=True, second=True)
 class PD(Kind):
     """Period doubling."""
 

@@ -16,6 +16,7 @@ from .codimension_two import (
     SecondEigenvector,
     StopCoincides,
 )
+from .declarations import declared
 from .extended_system import (
     ExtendedSystem,
     OrbitEvent,
@@ -69,6 +70,7 @@ class Cusp(CurveTest):
         return psi @ orbit.problem.second_along(orbit.unknowns, along) @ along
 
 
+@declared(place=1, curves=True, second=True)
 class FB(Kind):
     """Fold bifurcation."""
 

@@ -43,6 +43,7 @@ from ..orbits.quiet import problem_of
 from ..segments.flight import Touch
 from ..segments.segment import ELSEWHERE
 from .codimension_two import CurvePoint, touch_points
+from .declarations import declared
 from .event_solver import LocatedPoint
 from .extended_system import (
     ExtendedSystem,
@@ -229,6 +230,7 @@ class TouchLimit(TestFunction[CurvePoint]):
         return np.array([touch - start, arrival - touch])
 
 
+@declared(place=5, born=True, curves=True)
 class G(Kind):
     """Grazing."""
 

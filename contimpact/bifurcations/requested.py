@@ -10,7 +10,7 @@ from ..errors import InputError
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding_of_setup
 from .codimension_two import GrazingCoincides, StopCoincides
-from .declarations import REQUESTED
+from .declarations import REQUESTED, declared
 from .extended_system import EPSILON, ExtendedSystem, Orbits, ReachedTest, ScalarTest
 from .kind import Details, Equations, Kind, Look, System, Values
 
@@ -64,6 +64,7 @@ class RequestedValues(ScalarTest):
         return {"requested": {name: wanted}}
 
 
+@declared(place=8, usual=False, curves=True)
 class UZ(Kind):
     """Requested value; AUTO's name for it."""
 

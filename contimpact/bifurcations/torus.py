@@ -16,6 +16,7 @@ from ..models.word import Word
 from ..orbits.multipliers import neimark_sacker
 from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding
 from .codimension_two import CurvePoint, CurveTest, GrazingCoincides, StopCoincides
+from .declarations import declared
 from .extended_system import (
     ExtendedSystem,
     OrbitEvent,
@@ -150,6 +151,7 @@ class StrongResonance(CurveTest):
         return float(np.cos(here.own[-1]) - np.cos(2.0 * np.pi / self.order))
 
 
+@declared(place=4, curves=True, second=True, tori=True)
 class NS(Kind):
     """Neimark-Sacker bifurcation."""
 

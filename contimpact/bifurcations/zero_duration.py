@@ -16,6 +16,7 @@ from ..models.word import Word
 from ..orbits.multipliers import count_unstable
 from ..orbits.physicality import OUT_OF_ORDER, Verdict
 from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding_of_setup
+from .declarations import declared
 from .extended_system import (
     EPSILON,
     ExtendedSystem,
@@ -96,6 +97,7 @@ class ZeroDuration(ScalarTest):
         return span + 2.0 * EPSILON * float(np.max(np.abs(z)))
 
 
+@declared(place=7, born=True, continues=True)
 class T(Kind):
     """Zero duration of a flight."""
 

@@ -20,6 +20,7 @@ from ..orbits.multipliers import count_unstable
 from ..orbits.physicality import WRONG_WAY, Verdict
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from .codimension_two import CurvePoint, touch_points
+from .declarations import declared
 from .extended_system import (
     ExtendedSystem,
     OrbitEvent,
@@ -162,6 +163,7 @@ def impacts_at_rest(problem: OrbitProblem, details: Details) -> tuple[int, ...]:
     return (impact,) if "flight" in details else vanishing_impacts(problem, impact)
 
 
+@declared(place=6, born=True, curves=True)
 class V(Kind):
     """Zero velocity of an impact."""
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import importlib
-import pkgutil
 import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ..errors import InputError, did_you_mean, explain_arguments, short_repr
 from ..models.model import Model
+from ..syntax import sources_in
 
 _SYSTEM = re.compile(r'^class (\w+)\((?:.|\n(?!class ))*?\n    SYSTEM = "(.+)"', re.MULTILINE)
 
@@ -18,10 +18,9 @@ def systems_in(folders: Iterable[str]) -> dict[str, str]:
     """Return module and class of each system in the files of folders, by name; they are read, and
     not imported."""
     found = {}
-    for file in pkgutil.iter_modules(folders):
-        loader: Any = file.module_finder.find_spec(file.name, None).loader  # type: ignore[union-attr]
-        for kind, name in _SYSTEM.findall(loader.get_source(file.name)):
-            found[name] = f"{file.name}:{kind}"
+    for module, text in sources_in(folders):
+        for kind, name in _SYSTEM.findall(text):
+            found[name] = f"{module}:{kind}"
     return dict(sorted(found.items()))
 
 

@@ -13,7 +13,14 @@ from zoo import example
 
 from contimpact import InputError, continue_orbit, find_orbits, plot_diagram, write_auto
 from contimpact.accuracy.reference import Reference
-from contimpact.bifurcations.declarations import CURVES, DECLARED, SECOND, SWITCHES
+from contimpact.bifurcations.declarations import (
+    CURVES,
+    DECLARED,
+    SECOND,
+    SWITCHES,
+    KindDeclaration,
+    kinds_in,
+)
 from contimpact.bifurcations.kind import Kind
 from contimpact.bifurcations.registry import kind_of
 from contimpact.results.diagram import Diagram
@@ -41,6 +48,16 @@ def test_a_kind_is_what_its_declaration_says(declared, pair, monkeypatch):
         assert system is not None
         assert kind.codimension_two(problem.word)
     assert kind.test(problem, {"s": [0.3]}).kind == name
+
+
+def test_a_file_declares_its_kinds(tmp_path):
+    """One in several lines, too; what is no kind is not read as one."""
+    (tmp_path / "swallowtail.py").write_text(
+        "@declared(\n    place=3,\n    second=True,\n)\nclass SW(Kind):\n    name = 'SW'\n\n"
+        "class Helper(Kind): ...\n@declared(place=2)\nclass AA(Kind): ...\n"
+    )
+    second, first = KindDeclaration("SW", "swallowtail", 3, second=True), ("AA", "swallowtail", 2)
+    assert kinds_in([str(tmp_path)]) == (KindDeclaration(*first), second)
 
 
 def test_no_two_kinds_have_one_marker():
