@@ -266,6 +266,11 @@ class Solution:
         return FIRST_ORDER * np.abs(self.at.residual) + rounding_errors
 
 
+CHORD = 1e-3
+"""Where a step leaves less of the residual than this part, the next one takes the same Jacobian:
+it leaves as little, and second derivatives of flights cost much more than residuals."""
+
+
 def solve(system: ExtendedSystem, here: Linearisation, far: float = FAR) -> Solution | None:
     """Solve a system with one free parameter to rounding; None if Newton's iteration fails.
 
@@ -289,8 +294,10 @@ def solve(system: ExtendedSystem, here: Linearisation, far: float = FAR) -> Solu
                 best is not None and size >= 0.5 * best[0] < 0.5 * CONVERGED
             ):
                 break
+            if best is None or size > CHORD * best[0]:
+                jacobian = at.jacobian
             best = (size, x, at, here)
-            x = x - np.linalg.solve(at.jacobian, at.residual)
+            x = x - np.linalg.solve(jacobian, at.residual)
             if not near(x[:orbit]):
                 break
             here = problem.evaluate(x[:orbit])
