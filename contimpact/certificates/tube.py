@@ -418,6 +418,8 @@ def halve_segment(segment: Segment) -> tuple[Segment, Segment] | None:
 
 FINEST = 1e-4
 """Largest half width of a tube, in natural sizes of the unknowns, unless it spans one step."""
+THINNER = 0.5
+"""How much thinner tubes become before longer ones are tried again."""
 DEEPEST = 12
 """How often the step of a table is halved."""
 AWAY = 0.05
@@ -460,8 +462,13 @@ def tubes_along(
     space: BallProblem, nodes: Sequence[Node], scale: Array, progress: Progress, budget: Budget
 ) -> Iterator[tuple[Segment, Tube | None]]:
     """Yield tubes from node to node, each over as many steps as it can, or None; None for every
-    step that is left when the budget is spent."""
-    i, steps = 0, 4
+    step that is left when the budget is spent.
+
+    Twice as many steps are tried where tubes have become thinner than the last one of which that
+    was refused.
+    """
+    i, steps, doubled, refused = 0, 4, False, math.inf
+    thin = 0.0
     while i < len(nodes) - 1:
         if budget.spent:
             yield Segment(space, nodes[i], nodes[i + 1], scale), None
@@ -470,15 +477,17 @@ def tubes_along(
         j = min(i + steps, len(nodes) - 1)
         segment = Segment(space, nodes[i], nodes[j], scale)
         tube = prove_tube(segment)
-        wide = tube is not None and bool(np.max(tube.inner / scale) > FINEST)
-        if j - i > 1 and (tube is None or wide):
-            steps = (j - i) // 2
+        width = math.inf if tube is None else float(np.max(tube.inner / scale))
+        if j - i > 1 and width > FINEST:
+            refused = thin if doubled else math.inf
+            steps, doubled = (j - i) // 2, False
             continue
         if tube is None:
             yield from split(segment, DEEPEST, budget)
         else:
             yield segment, tube
-        i, steps = j, 2 * steps
+        thin, doubled = width, width < THINNER * refused
+        i, steps = j, (2 * steps if doubled else steps)
         progress(f"{i} of {len(nodes) - 1} steps")
 
 

@@ -147,6 +147,9 @@ SIZES = [2.0**-k for k in range(12)]
 """Half widths of cells around a touch that is known."""
 
 
+Range: TypeAlias = tuple[float, float]
+
+
 @dataclass(frozen=True)
 class Patch:
     """A cell of a flight and a tube that may hold a touch of a wall."""
@@ -197,14 +200,13 @@ class FlightCoordinate:
         self.met = {one.guard.name: one for one in coordinate.met}
         self.sides = {name: one.guard.side for name, one in self.met.items()}
 
-    def local(self, s: Any, u: Any) -> _CellEnclosure:
-        """Return what is enclosed for balls of s and u."""
-        z = self.tube.moving(u)
-        rows, values = self.space.impacts(z), self.space.values(z)
+    def local(self, s: Any, along: Range, rates: bool = True) -> _CellEnclosure:
+        """Return what is enclosed for a ball of s and a range of u; without rates along u they are
+        zero."""
+        rows, values, places = _orbit_along(self.tube, along, rates)
         start = rows[self.flight]
         duration = rows[self.flight + 1][0] - start[0]
         x, speed, bend = self.coordinate.motion(start, s * duration, values)
-        places = self.space.setup(values).walls
         gaps = {
             name: one.guard.side * (self.coordinate.distance(one, places) - x)
             for name, one in self.met.items()
@@ -230,10 +232,14 @@ class FlightCoordinate:
                 cells += [(*part, depth) for part in edged]
                 continue
             s, u = _ball(at), _ball(along)
-            wide, mid = self.local(s, u), self.local(s.mid(), u.mid())
-            ds, du = s - s.mid(), u - u.mid()
-            speed = mid.speed + wide.bend * wide.duration * ds + wide.speed_along * du
-            if not speed.contains(0) or not wide.speed.contains(0):
+            wide = self.local(s, along)
+            if not wide.speed.contains(0):
+                continue
+            middle = 0.5 * (along[0] + along[1])
+            mid = self.local(s.mid(), (middle, middle))
+            ds, du = s - s.mid(), u - middle
+            by_s = wide.bend * wide.duration * ds
+            if not (mid.speed + by_s + wide.speed_along * du).contains(0):
                 continue
             left = [
                 name
@@ -249,15 +255,14 @@ class FlightCoordinate:
             if depth == DEEPEST_TOUCH or (alone and depth > DEEPEST_TOUCH // 2):
                 yield from (Patch(self.flight, name, along, at, alone) for name in left)
             else:
-                by_s, by_u = wide.bend * wide.duration * ds, mid.speed_along * du
-                cells += self._cut(along, at, depth, by_s, by_u)
+                cells += self._cut(along, at, depth, by_s, mid.speed_along * du)
 
     def _around(self, wall: str, u: float, s: float) -> Patch | None:
         """The largest of some cells around a touch that holds no other."""
         for size in SIZES:
             along = max(u - size, -1.0), min(u + size, 1.0)
             at = max(s - size / 4.0, 0.0), min(s + size / 4.0, 1.0)
-            if self._single(wall, self.local(_ball(at), _ball(along))):
+            if self._single(wall, self.local(_ball(at), along)):
                 return Patch(self.flight, wall, along, at, True)
         return None
 
@@ -308,15 +313,23 @@ class FlightCoordinate:
             return False
         start = z[self.space.problem.m * self.flight]
         at = (touch.time - start) / here.duration
-        return 0.0 < at < 1.0 and bool(self._mean(wall, at, u) < 0)
+        return 0.0 < at < 1.0 and bool(self._mean(wall, at, along) < 0)
 
-    def _mean(self, wall: str, s: float, u: Any) -> Any:
-        """The gap at s, for a ball of u."""
-        mid, wide = self.local(arb(s), u.mid()), self.local(arb(s), u)
-        return mid.gap[wall] + wide.gap_along[wall] * (u - u.mid())
+    def _mean(self, wall: str, s: float, along: Range) -> Any:
+        """The gap at s, for a range of u."""
+        middle = 0.5 * (along[0] + along[1])
+        mid = self.local(arb(s), (middle, middle), rates=False)
+        return mid.gap[wall] + self.local(arb(s), along).gap_along[wall] * (_ball(along) - middle)
 
 
-Range: TypeAlias = tuple[float, float]
+@functools.lru_cache(maxsize=256)
+def _orbit_along(tube: Tube | Birth, along: Range, rates: bool) -> tuple[Any, Any, Any]:
+    """The impacts on a range of u, the parameter values and the places of the walls: the same for
+    all cells of it, on all flights."""
+    u, space = _ball(along), tube.segment.space
+    z = tube.moving(u) if rates else tube.state(u)
+    values = space.values(z)
+    return space.impacts(z), values, space.setup(values).walls
 
 
 def _cut_at_edges(

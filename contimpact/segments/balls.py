@@ -298,13 +298,21 @@ def _series(q: Number, k: int) -> Number:
     """The power series of c_k. For |q| < 1/2 its terms fall by half at least, and so do those of
     each Taylor coefficient from twice its order on: the rest is at most twice its first term."""
     length = q.prec if isinstance(q, arb_series) else 1
-    terms = 2 * length + ctx.prec // 7
-    powers = [(-1) ** j * fmpq(1, math.factorial(2 * j + k)) for j in range(terms)]
-    near = arb_poly(powers)(arb_poly([constant(q), 1]))
-    size = abs(constant(q)).upper()
-    rest = [
-        2 * math.comb(terms, n) * size ** (terms - n) / math.factorial(2 * terms + k)
-        for n in range(length)
-    ]
-    found = [near[n] + ball_around_zero(left) for n, left in enumerate(rest)]
+    middle, terms = constant(q), 2 * length + ctx.prec // 7
+    polynomial, rests = _terms_of_series(k, terms, length, ctx.prec)
+    near = polynomial(arb_poly([middle, 1])) if length > 1 else [polynomial(middle)]
+    size = abs(middle).upper()
+    powers = [size ** (terms - length + 1)]
+    for _ in range(length - 1):
+        powers.append(powers[-1] * size)
+    found = [near[n] + rest * powers[length - 1 - n] for n, rest in enumerate(rests)]
     return arb_series(found, prec=length) if isinstance(q, arb_series) else found[0]
+
+
+@functools.cache
+def _terms_of_series(k: int, terms: int, length: int, bits: int) -> tuple[Number, list[Number]]:
+    """The first terms of c_k as a polynomial, and balls for the rests of its Taylor coefficients,
+    to be multiplied by powers of |q|."""
+    first = [(-1) ** j * fmpq(1, math.factorial(2 * j + k)) for j in range(terms)]
+    rests = [fmpq(2 * math.comb(terms, n), math.factorial(2 * terms + k)) for n in range(length)]
+    return arb_poly(first), [ball_around_zero(arb(rest)) for rest in rests]
