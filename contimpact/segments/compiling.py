@@ -4,11 +4,13 @@ llvmlite (the optional extra ``fast``) compiles a `machine_code.Program` once. T
 kept in the cache; later processes load it without importing it.
 
 ``CONTIMPACT_COMPILED`` decides: ``auto`` (the default: compile where the work pays for it),
-``always`` (compile at once; llvmlite must be installed) or ``never``.
+``always`` (compile at once; llvmlite must be installed) or ``never``. The time that plain Python
+took is kept in the cache, too, so that what is run again and again is compiled.
 """
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import functools
 import hashlib
@@ -25,15 +27,27 @@ from typing import TYPE_CHECKING, Any
 
 from ..arrays import ENTRY, TABLE
 from ..errors import InputError
-from ..storage.files import cache_folder, is_intact, logger, processor, put_with_digest
+from ..storage.files import (
+    cache_folder,
+    is_intact,
+    load_file,
+    logger,
+    processor,
+    put_with_digest,
+    store_file,
+)
 
 if TYPE_CHECKING:
     from .machine_code import Program
 
 MODES = ("auto", "always", "never")
 PAYS_AFTER = 1.0
-"""Seconds of processor time that plain Python has taken, in one process, for what a program does
-after which compiling it pays: it takes about as long."""
+"""Seconds of processor time that plain Python has taken for what a program does after which
+compiling it pays: it takes about as long."""
+PAYS_AGAIN = 0.3
+"""The same of earlier processes: what has come again is likely to come more often."""
+WORTH_KEEPING = 0.02
+"""Seconds of one process from which on they are kept for later ones."""
 
 
 def mode() -> str:
@@ -105,6 +119,9 @@ def load(
     found = None
     if folder is not None and key not in _MISSING:
         found = _load_cached(folder, name, arguments)
+        if found is None and not pays and available():
+            _recall_plain_time(identity, folder)
+            pays = compiling_pays(identity)
     if found is None and pays:
         found = _compile_program(build, arguments, folder, name)
     if found is None:
@@ -165,7 +182,36 @@ def expect_plain_time(seconds: float) -> None:
     _EXPECTED[0] += seconds
 
 
+def _recall_plain_time(identity: tuple[str, ...], folder: Path) -> None:
+    """Count what earlier processes have taken for what a program does; enough, if it pays."""
+    if identity in _KEPT:
+        return
+    digest = hashlib.sha256("\0".join((*identity, *_machine())).encode()).hexdigest()
+    path, seconds = folder / f"plain-{digest[:24]}.txt", 0.0
+    with contextlib.suppress(OSError, ValueError):
+        found = float(load_file(path))
+        seconds = found if 0.0 < found < math.inf else 0.0
+    _KEPT[identity] = path, seconds
+    _SPENT[identity] += PAYS_AFTER if seconds >= PAYS_AGAIN else seconds
+
+
+@atexit.register
+def keep_plain_time() -> None:
+    """Keep the time plain Python has taken for later processes, if the cache can be written.
+
+    Of processes that end at once, the last one's is kept. Where compiling has failed none is, so
+    that it is not tried in every process.
+    """
+    for identity, (path, seconds) in _KEPT.items():
+        spent = _SPENT[identity] if _EXPECTED[0] >= 0.0 else 0.0
+        if abs(spent - seconds) >= WORTH_KEEPING:
+            with contextlib.suppress(OSError):
+                store_file(path, f"{spent:.3f}\n".encode())
+
+
 _SPENT: defaultdict[tuple[str, ...], float] = defaultdict(float)
+_KEPT: dict[tuple[str, ...], tuple[Path, float]] = {}
+"""Where the time spent for a program is kept, and how much was, of programs not in the cache."""
 _EXPECTED = [0.0]
 _PLAINLY: dict[str, None] = {}
 

@@ -429,11 +429,87 @@ def test_what_cannot_be_compiled_runs_plainly_on(empty_cache, monkeypatch, caplo
 def empty_cache(tmp_path, monkeypatch):
     """An empty cache for one test, as if llvmlite were installed."""
     monkeypatch.setenv("CONTIMPACT_CACHE", str(tmp_path / "empty"))
+    monkeypatch.setattr(module, "available", lambda: True)
+    begin_process(monkeypatch)
+
+
+def begin_process(monkeypatch):
+    """As in a process that has not spent any time yet."""
     monkeypatch.setattr(module, "_LOADED", {})
     monkeypatch.setattr(module, "_MISSING", set())
     monkeypatch.setattr(module, "_SPENT", defaultdict(float))
+    monkeypatch.setattr(module, "_KEPT", {})
     monkeypatch.setattr(module, "_EXPECTED", [0.0])
-    monkeypatch.setattr(module, "available", lambda: True)
+
+
+IDENTITY = ("adds one",)
+
+
+def load_small():
+    program = Program({})
+    program.glue("def entry(x):\n    x[0] += 1.0\n    return 1")
+    return module.load(IDENTITY, VECTOR, lambda: program)
+
+
+def run_plainly(monkeypatch, seconds):
+    """One process after another, each of which spends so much on a program; returns whether they
+    had compiled code."""
+    compiled = []
+    for each in seconds:
+        begin_process(monkeypatch)
+        compiled.append(load_small() is not None)
+        module._SPENT[IDENTITY] += each
+        module.keep_plain_time()
+    return compiled
+
+
+@needs_llvmlite
+def test_what_is_run_again_and_again_is_compiled(empty_cache, monkeypatch):
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "auto")
+    part = 0.6 * module.PAYS_AGAIN
+    assert run_plainly(monkeypatch, [part, part, part]) == [False, False, True]
+    (kept,) = module.cache_folder().glob("plain-*")
+    kept.unlink()  # machine code is found first
+    assert run_plainly(monkeypatch, [0.0]) == [True]
+
+
+def test_little_time_is_not_kept(empty_cache, monkeypatch):
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "auto")
+    assert run_plainly(monkeypatch, [0.9 * module.WORTH_KEEPING] * 40) == [False] * 40
+
+
+@pytest.mark.parametrize("content", ["", "soon", "nan", "inf", "-1e9"])
+def test_a_kept_time_that_is_none_is_nothing(empty_cache, monkeypatch, content):
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "auto")
+    run_plainly(monkeypatch, [0.1])
+    (kept,) = module.cache_folder().glob("plain-*")
+    kept.write_text(content)
+    assert run_plainly(monkeypatch, [0.1]) == [False]
+    assert float(kept.read_text()) == pytest.approx(0.1)
+
+
+def test_a_cache_that_is_gone_keeps_no_time(empty_cache, monkeypatch):
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "auto")
+    begin_process(monkeypatch)
+    assert load_small() is None
+    module._SPENT[IDENTITY] += 1.0
+    folder = module.cache_folder()
+    shutil.rmtree(folder)
+    module.keep_plain_time()
+    assert not folder.exists()
+
+
+def test_what_could_not_be_compiled_is_not_tried_in_every_process(empty_cache, monkeypatch):
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "auto")
+    tried = []
+
+    def fail(*given):
+        tried.append(given)
+        raise RuntimeError
+
+    monkeypatch.setattr("contimpact.segments.machine_code.object_code", fail)
+    assert run_plainly(monkeypatch, [module.PAYS_AGAIN] * 3) == [False] * 3
+    assert len(tried) == 1
 
 
 def test_damaged_code_is_not_loaded(tmp_path, caplog):
