@@ -11,8 +11,9 @@ import pytest
 from zoo import unknowns_of
 
 from contimpact.errors import InputError
-from contimpact.models.word import Word
+from contimpact.models.word import Word, parse_word
 from contimpact.orbits import search
+from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits, orbit_at, solve_near
 from contimpact.results.scene import read_scene
 from contimpact.segments.arithmetic import ARRAYS, STATES
@@ -376,10 +377,15 @@ def test_same_rng_same_orbits(pair, orbits):
 def test_rounds_are_the_same_one_by_one_and_together(pair, orbits, monkeypatch, word, rounds):
     """To the bit, also where the last round finds something."""
     model = pair(d=0.12484, A=12.466, r=0.25)
+    solve = search.solve_rounds
+
+    def one_by_one(problem, generator, starts, count, fitted):
+        return [solve(problem, generator, starts, 1, fitted)[0] for _ in range(count)]
+
     for starts in (4, 64):
         together = orbits(model, word, starts=starts, rounds=rounds)
         with monkeypatch.context() as patch:
-            patch.setattr("contimpact.orbits.search.ROUNDS_AT_ONCE", 1)
+            patch.setattr(search, "solve_rounds", one_by_one)
             assert same(together, orbits(model, word, starts=starts, rounds=rounds))
 
 
@@ -546,7 +552,38 @@ def test_starts_that_go_astray_are_given_up(monkeypatch):
     }
     flights, evaluate = [], search._evaluate_all
     monkeypatch.setattr(
-        search, "_evaluate_all", lambda p, z: flights.append(len(z)) or evaluate(p, z)
+        search, "_evaluate_all", lambda p, z: flights.append(z.shape[-1]) or evaluate(p, z)
     )
     assert find_orbits(read_scene(table).model, "S", starts=8, rounds=1) == []
     assert sum(flights) < 8 * 2 * 12  # of 8 * 2 * 25, from fitted starts and from drawn ones
+
+
+def test_starts_that_tend_to_a_flight_of_no_duration_are_given_up(pair, kernels_of, monkeypatch):
+    """Those that led to orbits are kept: solutions are the same as where none is given up."""
+    problem = OrbitProblem(pair(d=0.12), parse_word("2:2", "BT"), kernels_of(pair(), "s"))
+    evaluate, made = search._evaluate_all, []
+
+    def counted(problem, z):
+        made.append(z.shape[-1])
+        return evaluate(problem, z)
+
+    monkeypatch.setattr(search, "_evaluate_all", counted)
+    found = []
+    for vanishing in (search.VANISHING, search.ITERATIONS):
+        made.clear()
+        monkeypatch.setattr(search, "VANISHING", vanishing)
+        (solutions,) = search.solve_rounds(problem, np.random.default_rng(1), 256, 1)
+        found.append((solutions, sum(made)))
+    (some, few), (all_of_them, many) = found
+    assert len(some)
+    np.testing.assert_array_equal(some, all_of_them)
+    assert few < 0.9 * many
+
+
+def test_a_search_in_vain_makes_two_rounds(pair, kernels_of, monkeypatch):
+    solve, made = search.solve_rounds, []
+    monkeypatch.setattr(
+        search, "solve_rounds", lambda *given: made.append(given[3]) or solve(*given)
+    )
+    assert find_orbits(pair(d=0.5), "3:1", kernels=kernels_of(pair(), "s")) == []
+    assert made == [2]
