@@ -356,12 +356,23 @@ def flow_of_arrays(d: int, h: int, directions: int, dt: Any, *numbers: Any) -> A
 
 
 def flow_of_states(d: int, h: int, directions: int, dt: Any, *numbers: Any) -> Array:
-    """Return the same without derivatives by parameters, which are put at zero: half the size of
-    the matrices, of which searches have many."""
+    """Return the same for a search, which has many durations: without derivatives by parameters,
+    which are put at zero, and with durations to thirteen digits: those of orbits of one impact
+    differ by rounding alone, and need one matrix."""
     given = numbers[: len(numbers) // (1 + directions)]
-    found = flow_of_arrays(d, h, 0, dt, *given)
+    if np.ndim(dt) and not any(np.ndim(x) for x in given):
+        each, numbered = np.unique(_to_digits(dt), return_inverse=True)
+        found = flow_of_arrays(d, h, 0, each, *given)[:, numbered.reshape(np.shape(dt))]
+    else:
+        found = flow_of_arrays(d, h, 0, dt, *given)
     size = 2 * directions * d * Shape(d, h, 0).size
     return np.concatenate([found, np.zeros((size, *found.shape[1:]))])
+
+
+def _to_digits(dt: Array) -> Array:
+    """Durations to thirteen digits, at least."""
+    parts, powers = np.frexp(dt)
+    return np.ldexp(np.round(parts * 2.0**45), powers - 45)
 
 
 def make_flow(summed: Summed) -> Callable[..., list[Any]]:

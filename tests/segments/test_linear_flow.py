@@ -164,6 +164,21 @@ def test_arrays_are_rows_of_numbers():
     assert moving[:, 1] == pytest.approx(second, rel=1e-14, abs=1e-15)
 
 
+def test_durations_that_differ_by_rounding_need_one_matrix(monkeypatch):
+    numbers, durations = CASES["two masses"], np.array([[0.3, 0.1 + 0.2, 4.0], [0.3, 4.0, 0.0]])
+    sizes, solve = [], linear_flow.mean_rates
+    monkeypatch.setattr(
+        linear_flow,
+        "mean_rates",
+        lambda g, dt, summed: sizes.append(dt.size) or solve(g, dt, summed),
+    )
+    found = linear_flow.flow_of_states(2, 1, 0, durations, *numbers)
+    assert sizes == [3]
+    for i, j in np.ndindex(durations.shape):
+        expected = flow(2, 1, 0, durations[i, j], *numbers)
+        assert found[:, i, j] == pytest.approx(expected, rel=1e-12, abs=1e-13)
+
+
 def test_series_are_taylor_coefficients():
     numbers = CASES["two masses"]
     q = np.random.default_rng(2).normal(size=len(numbers) + 1).tolist()
