@@ -19,11 +19,23 @@ from ..models.model import Model, Symmetry
 from ..models.word import Word, parse_word
 from ..progress import Asked, Progress, ignore_progress, progress_lines
 from ..segments.arithmetic import STATES
+from ..segments.compiling import timed_plainly
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION
 from .orbit import Orbit
 from .problem import Linearisation, OrbitProblem
 from .quiet import FreeQuietProblem, QuietProblem, problem_of
+from .starts import (
+    ASTRAY,
+    ITERATIONS,
+    LOST,
+    SETTLED,
+    SHRINKING,
+    VANISHING,
+    compiled_starts,
+    identity_of,
+    solve_compiled,
+)
 
 # When two sets of impacts are the same orbit: rotations of the word, and the model's symmetry.
 
@@ -115,8 +127,6 @@ def _roll_rows(rows: Array, shift: int) -> Array:
 # squares, since residuals are (close to) linear in them. Steps are shortened so that impacts stay
 # in order.
 
-ITERATIONS = 25
-
 SPANS = 0.2, 5.0
 """Free periods that starts are given, as parts of the system's natural time."""
 
@@ -126,15 +136,6 @@ LONGEST = 2.0 * SPANS[1]
 FAR = 30.0
 """Times as large as those of most starts: section coordinates at which one is given up, where
 flights are integrated, which takes the longer the faster they oscillate."""
-
-ASTRAY, LOST = 1e-2, 10
-"""Part of its Newton step that a start takes where it is astray, and how often it may be so: of
-19,000 starts that led to orbits two were so seven times, none more often."""
-
-SHRINKING, VANISHING = 0.2, 4
-"""Part of the last part at which the part shrinks with a flight, and how often it may do so in a
-row: steps towards a flight of no duration are shortened tenfold each time. Of 50,000 starts that
-led to orbits 15 shrank so twice, none more often."""
 
 SIZES = 0.1, 1.0, 10.0
 """Sizes of section coordinates that are drawn at random."""
@@ -155,7 +156,11 @@ def solve_rounds(
     with np.errstate(all="ignore"):
         at = np.concatenate(times).T
         begun = _fit_sections(problem, at) if fitted else _draw_sections(problem, at, generator)
-        solutions, origin = _newton(problem, begun)
+        if fast := compiled_starts(problem):
+            solutions, origin = solve_compiled(fast, problem, begun)
+        else:
+            with timed_plainly(identity_of(problem.kernels)):
+                solutions, origin = solve_on_arrays(problem, begun)
     return [solutions[origin // starts == k] for k in range(rounds)]
 
 
@@ -198,7 +203,7 @@ def _draw_sections(problem: OrbitProblem, times: Array, generator: np.random.Gen
     return np.ascontiguousarray(np.moveaxis(z, 0, -1))
 
 
-def _newton(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
+def solve_on_arrays(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
     """Newton's iteration from every start: the unknowns of those that converged, of shape (K, n +
     1), the soonest first, and the numbers of their starts."""
     n, m, count = z.shape
@@ -221,12 +226,12 @@ def _newton(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
             z, origin, residual = z[..., healthy], origin[healthy], residual[:, healthy]
             jacobian = jacobian[..., healthy]
         step = _solve_all(jacobian, -residual).reshape(n, m, -1)
-        done = np.abs(step).max(axis=(0, 1)) < 1e-8
+        done = np.abs(step).max(axis=(0, 1)) < SETTLED
         if done.any():
             reached.append((z + step)[..., done])
             origins.append(origin[done])
             z, step, origin = z[..., ~done], step[..., ~done], origin[~done]
-        part = _shortening(problem, z, step, period)
+        part = shortening(problem, z, step, period)
         z = z + step * part
         off = part < ASTRAY
         astray[origin] += off
@@ -266,7 +271,7 @@ def _solve_all(matrices: Array, right: Array) -> Array:
         return (np.linalg.pinv(systems) @ sides)[:, :, 0].T
 
 
-def _shortening(problem: OrbitProblem, z: Array, step: Array, period: float) -> Array:
+def shortening(problem: OrbitProblem, z: Array, step: Array, period: float) -> Array:
     """The part of each step that keeps impacts in order and moves no time by over T/4."""
     times, moves = z[:, 0], step[:, 0]
     durations, changes = np.empty_like(times), np.empty_like(times)
@@ -549,7 +554,7 @@ def _add_new(
     for other in known:
         left = left[~_same_solution(problem, left, other)]
     while len(left):
-        here = solve_near(problem, left[0])
+        here = solve_near(problem, _round_unknowns(left[0]))
         left = left[1:]
         if here is None or not _impacts_follow(here):
             continue
@@ -559,6 +564,15 @@ def _add_new(
             left = left[~_same_solution(problem, left, here.unknowns)]
         if not repeats(problem, here.unknowns, SAME_ORBIT):
             _add(found, here, SAME_ORBIT if regular else SAME_SINGULAR_ORBIT)
+
+
+def _round_unknowns(unknowns: Array) -> Array:
+    """Unknowns to nine digits of the largest: from there Newton's iteration leads to the same bits
+    whichever start has led to them, and whichever arithmetic."""
+    rounded = unknowns.copy()
+    unit = 2.0 ** (math.frexp(float(np.max(np.abs(unknowns[:-1]))))[1] - 30)
+    rounded[:-1] = unit * np.round(unknowns[:-1] / unit)
+    return rounded
 
 
 def _add(found: list[Orbit], here: Linearisation, same: float) -> None:
