@@ -49,8 +49,9 @@ if TYPE_CHECKING:
 
 # The loop of a simulation as a compiled program, and when that is loaded.
 
-WORTH = 2000
-"""Impacts, in one run or made so far by plain Python, from which compiled code is worth loading."""
+WORTH = 200
+"""Impacts, in one run or made so far by plain Python, from which it is worth looking for compiled
+code, which takes as long as twenty."""
 
 BODY = VECTOR * 3 + INTEGERS * 4 + VECTOR * 5 + INTEGERS * 3
 """Kinds of a body's fields."""

@@ -725,7 +725,7 @@ def looked_for(monkeypatch):
         ("never", {"impacts": 10_000}, 0),
         ("auto", {"impacts": 100}, 0),
         ("auto", {"periods": 100}, 0),
-        ("auto", {"impacts": 2000}, 1),
+        ("auto", {"impacts": 200}, 1),
         ("always", {"impacts": 1}, 1),
     ],
 )
@@ -746,6 +746,6 @@ def test_many_short_runs_are_worth_it_too(pair, kernels_of, looked_for, monkeypa
         model = pair(s=0.3 + 0.01 * i)
         simulator = Simulator(model, Kernels(model, "As"[i % 2]))
         for _ in range(5):
-            simulator.run(State(0, 0.14, 0.686), impacts=99)
+            simulator.run(State(0, 0.14, 0.686), impacts=9)
     assert len(one_coordinate._ENGINES) == 1
     assert len(looked_for) == 2
