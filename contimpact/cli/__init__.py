@@ -40,6 +40,10 @@ EXAMPLES = {
 }
 """An example for every command, as its help and the manual show it."""
 
+THREADS = "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"
+"""Environment variables that set the number of threads of linear algebra. Matrices are so small
+that several threads take longer than one, up to ten times where other processes run."""
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
@@ -60,6 +64,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _status(arguments: Sequence[str] | None) -> int:
     options = parser().parse_args(arguments)
+    if "numpy" not in sys.modules:  # which reads them when it is loaded
+        for name in THREADS:
+            os.environ.setdefault(name, "1")
     try:
         for name, given in vars(options).items():
             if isinstance(given, list) and name not in ("xlim", "ylim"):

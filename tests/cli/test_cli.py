@@ -864,3 +864,18 @@ def test_output_that_nobody_reads(scene, sink, arguments):
     assert "Traceback" not in done.stderr
     assert "Exception ignored" not in done.stderr
     assert ("No space left" in done.stderr) == ("full" in sink)
+
+
+@pytest.mark.parametrize("given", [None, "3"])
+def test_a_command_takes_one_thread_for_linear_algebra_unless_told_otherwise(
+    given, scene, tmp_path
+):
+    """A system's file is run by the command, after NumPy was loaded."""
+    file = tmp_path / "file.py"
+    file.write_text("import os\nraise SystemExit(os.environ['OPENBLAS_NUM_THREADS'])")
+    environment = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
+    if given:
+        environment["OPENBLAS_NUM_THREADS"] = given
+    command = [sys.executable, "-m", "contimpact", "check", str(scene()), "--system", str(file)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert f"SystemExit: {given or 1}" in done.stderr
