@@ -393,14 +393,14 @@ def test_a_cache_that_cannot_be_written(copied, plain_and_compiled, monkeypatch,
     monkeypatch.setattr("contimpact.segments.machine_code.object_code", lambda *given: codes[0])
     for path in copied.glob("compiled-*"):
         path.unlink()
-    intact = module.store_file
+    intact = files.store_file
 
     def refuse(path, content):
         if path.parent == copied:
             raise PermissionError("read-only")
         intact(path, content)
 
-    monkeypatch.setattr(module, "store_file", refuse)
+    monkeypatch.setattr(files, "store_file", refuse)
     monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
     with caplog.at_level(logging.WARNING):
         assert backend_of(problem_of(), ()).compiled() is not None
