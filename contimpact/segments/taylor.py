@@ -1,0 +1,276 @@
+"""Integrated flights in compiled programs: Taylor's method in the plain subset of Python.
+
+What `integration` has heyoka do, for one field and for derivatives by some directions: the same
+equations, order and steps, so that results differ by rounding alone. `taylor_text` writes the text
+for a field; here are the functions that it calls, and the kernels that call it.
+"""
+
+from __future__ import annotations
+
+import ast
+import functools
+import math
+import re
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+from ..arrays import Table, Vector
+from ..syntax import parse
+from .arithmetic import Kernel, kernel_of
+from .integration import MOST_STEPS, SCALE
+from .oscillation import (
+    COEFFICIENTS,
+    DEGREE,
+    HALVINGS,
+    START,
+    WIDTH,
+    Excursion,
+    FollowedFlight,
+    excursions,
+    motion_along_steps,
+    record_break,
+    zeros_of_all,
+)
+from .taylor_text import Writer
+
+ORDER = DEGREE
+"""Order of the series: heyoka's for errors at rounding."""
+
+FACTOR = math.exp(-2.0) * math.exp(-0.7 / (ORDER - 1))
+"""Part of the radius of convergence that a step takes, by Jorba and Zou (2005)."""
+
+SMALLEST = 1.0 / SCALE
+"""Size of a state below which errors are no longer relative to it."""
+
+
+def step_length(size: float, last: float, before: float, left: float) -> float:
+    """Return the length of a step.
+
+    By Jorba and Zou's estimate of the radius of convergence, from the largest coefficients of the
+    last order and of the one before beside the largest number of the state; at most what is left.
+    """
+    size = max(size, SMALLEST)
+    if last > 0.0:
+        left = min(left, FACTOR * (size / last) ** (1.0 / ORDER))
+    if before > 0.0:
+        left = min(left, FACTOR * (size / before) ** (1.0 / (ORDER - 1)))
+    return left
+
+
+class BySeries(NamedTuple):
+    """A function of plain text, and how many numbers of scratch space it takes."""
+
+    function: Kernel
+    space: int
+
+
+@functools.cache
+def flight_by_series(field: str, directions: str) -> BySeries:
+    """Return what `integration.flown` does for a field and directions, as a plain function.
+
+    It takes the numbers of `Statement.names` and scratch space, and returns NaN where the flow
+    ceases to be finite or takes too many steps. Raises NotImplementedError for a field with an
+    operation that has no series here.
+    """
+    writer = Writer(field, tuple(directions.split()))
+    return _by_series(writer, "flight", writer.flight("flight"), step_length)
+
+
+@functools.cache
+def path_by_series(field: str) -> BySeries:
+    """Return a plain function that fills in the pieces of a flight by a field; see `follow_step`.
+
+    It takes the numbers of `Statement.names`, whose duration is positive, scratch space, the
+    weights of the coordinates in each of some gap coordinates, how many these are, and what is
+    filled in; it returns how many pieces there are, -1 if they would be too many. Raises
+    NotImplementedError as `flight_by_series` does.
+    """
+    writer = Writer(field, ())
+    called = step_length, follow_step, begin_path
+    return _by_series(writer, "path", writer.path("path"), *called)
+
+
+def _by_series(writer: Writer, name: str, text: str, *called: Callable[..., object]) -> BySeries:
+    stride = writer.rows * writer.width
+    numbers = {"STRIDE": stride, "MOST_STEPS": MOST_STEPS, "ORDER": ORDER}
+
+    def with_numbers(text: str) -> str:
+        return _PLACEHOLDER.sub(lambda found: str(numbers[found[0]]), text)
+
+    names: dict[str, Any] = {"math": math} | {one.__name__: one for one in called}
+    for helper, lines in writer.helpers.items():
+        names[helper] = kernel_of(helper, with_numbers(lines), f"<{helper}>")
+    function = kernel_of(name, with_numbers(text), f"<{name} by {writer.field}>", names)
+    return BySeries(function, (ORDER + 1) * stride)
+
+
+_PLACEHOLDER = re.compile("STRIDE|MOST_STEPS|ORDER")
+
+
+# Kernels that integrate, as they are compiled: with scratch space as a last argument.
+
+
+def flight_kernel(kernel: Kernel) -> BySeries:
+    """Return a kernel whose calls of `integration.flown` are replaced by functions of plain text.
+
+    Raises NotImplementedError as `flight_by_series` does.
+    """
+    function, called, space = _function_of(kernel), dict(kernel.functions), 0
+    for call in ast.walk(function):
+        if isinstance(call, ast.Call) and getattr(call.func, "id", "") == "flown":
+            found = flight_by_series(*map(ast.literal_eval, call.args[:2]))
+            name = f"flown_{len(called)}"
+            called[name], space = found.function, max(space, found.space)
+            call.func, call.args[:2] = ast.Name(name, ast.Load()), []
+            call.args.append(ast.Name("space", ast.Load()))
+    return _kernel_with(kernel, function, ["space"], called, space)
+
+
+def path_kernel(kernel: Kernel) -> BySeries:
+    """Return the kernel ``field`` of a wall as a function of what the kernel takes, the flight's
+    duration and what `path_by_series` takes, which fills in the pieces of the flight."""
+    function = _function_of(kernel)
+    *_, result = function.body
+    assert isinstance(result, ast.Return)
+    assert isinstance(result.value, ast.Tuple)
+    field, numbers = result.value.elts
+    assert isinstance(numbers, ast.Tuple)
+    found = path_by_series(ast.literal_eval(field))
+    more = ["length", "space", "weights", "count", "way"]
+    length, *others = (ast.Name(name, ast.Load()) for name in more)
+    result.value = ast.Call(ast.Name("path", ast.Load()), [length, *numbers.elts, *others], [])
+    return _kernel_with(kernel, function, more, {"path": found.function}, found.space)
+
+
+def _function_of(kernel: Kernel) -> ast.FunctionDef:
+    return next(node for node in parse(kernel.text).body if isinstance(node, ast.FunctionDef))
+
+
+def _kernel_with(
+    kernel: Kernel,
+    function: ast.FunctionDef,
+    more: Sequence[str],
+    called: dict[str, Callable[..., object]],
+    space: int,
+) -> BySeries:
+    """A kernel from its changed tree, which takes more arguments."""
+    function.args.args += [ast.arg(name) for name in more]
+    text = ast.unparse(ast.fix_missing_locations(function))
+    return BySeries(
+        kernel_of(kernel.__name__, text, f"<{kernel.__name__} by series>", called), space
+    )
+
+
+# Flights from their start to their end, as polynomials.
+
+
+def begin_path(count: int, way: FollowedFlight) -> None:
+    """Begin to fill in a flight."""
+    for g in range(count):
+        way.found[g], way.signs[g] = 0.0, 0.0
+
+
+def follow_step(
+    d: int,
+    stride: int,
+    w: Vector,
+    length: float,
+    at: float,
+    h: float,
+    weights: Vector,
+    count: int,
+    made: int,
+    way: FollowedFlight,
+) -> int:
+    """Fill in the pieces of one step of a flight, and when accelerations change sign in it.
+
+    A step is cut until no gap coordinate's acceleration has more than one zero in a piece, as in
+    `oscillation.follow_all`. The series of the mean velocities stand at the beginnings of the rows
+    of `w`, which are overwritten. Returns how many pieces there are with those before; -1 for more
+    than there are places for.
+    """
+    most, scale = len(way.steps) // count, length
+    for k in range(ORDER + 1):
+        for i in range(d):
+            w[stride * k + i] *= scale
+        scale *= h
+    for i in range(d):
+        way.moving[i] = way.forces[i]
+    place, width = 0.0, 1.0
+    while place < 1.0:
+        if made == most:
+            return -1
+        width = min(width, 1.0 - place)
+        begin, lasts = length * (at + h * place), length * h * width
+        for i in range(d):
+            shift_series(stride, i, w, place, width, way.own[i])
+            way.own[i][START], way.own[i][WIDTH] = begin, lasts
+            way.forces[i] = lasts * lasts * way.moving[i]
+        if zeros_of_all(d, weights, count, made, way) > 1.0 and width > 0.5**HALVINGS:
+            width *= 0.5
+            continue
+        for g in range(count):
+            record_break(g, count, made, begin + lasts, way)
+        place += width
+        width *= 2.0
+        made += 1
+    return made
+
+
+EXCURSION = 8
+"""Numbers of scratch space of `excursion_by_path`, before those of the path."""
+
+
+def excursion_by_path(
+    path: Callable[..., int],
+    head: Vector,
+    values: Vector,
+    length: float,
+    arriving: float,
+    left_side: float,
+    reached_side: float,
+    steps: Table,
+    breaks: Vector,
+    space: Vector,
+) -> Excursion:
+    """As `oscillation.excursion_by_law`, for a flight of one coordinate that is integrated.
+
+    ``path(head, values, length, space, way)`` is that of `path_kernel`; `steps` has a row more than
+    there may be pieces.
+    """
+    most = len(steps) - 1
+    found, signs, zeros, moving, forces = space[0:], space[1:], space[2:], space[3:], space[5:]
+    way = FollowedFlight(steps[most:], steps[:most], breaks, found, signs, zeros, moving, forces)
+    made = path(head, values, length, space[EXCURSION:], way)
+    if made < 0:
+        return math.nan, math.nan, math.nan, math.nan, math.inf
+    return excursions(
+        motion_along_steps,
+        steps[:made],
+        values,
+        length,
+        arriving,
+        left_side,
+        reached_side,
+        breaks[: int(found[0])],
+        0.0,
+        math.inf,
+    )
+
+
+def shift_series(stride: int, i: int, w: Vector, place: float, width: float, row: Vector) -> None:
+    """Fill in the row of a piece of a step: a polynomial by powers of the part of the piece.
+
+    `place` and `width` are where the piece begins and its width, as parts of the step.
+    """
+    last, scale = COEFFICIENTS + ORDER, 1.0
+    for k in range(ORDER + 1):
+        row[last - k] = w[stride * k + i]
+    if place != 0.0:
+        for k in range(ORDER):
+            for j in range(COEFFICIENTS + 1, last + 1 - k):
+                row[j] += place * row[j - 1]
+    if width != 1.0:
+        for k in range(ORDER + 1):
+            row[last - k] *= scale
+            scale *= width

@@ -1,0 +1,198 @@
+"""Integrated flights in plain text, against many digits, closed forms and the tracks of heyoka."""
+
+from __future__ import annotations
+
+import importlib.util
+import itertools
+import math
+
+import mpmath
+import numpy as np
+import pytest
+
+from contimpact.segments import compiling, taylor
+from contimpact.segments.bounded import many_digits
+from contimpact.segments.integration import IntegratedTrack, integrator, statement, text_of
+from contimpact.segments.machine_code import Program
+from contimpact.segments.oscillation import (
+    DEGREE,
+    MOST,
+    ROW,
+    FollowedFlight,
+    motion_in_step,
+    motion_of_gap,
+)
+from contimpact.segments.taylor import flight_by_series, path_by_series
+
+pytest.importorskip(
+    "heyoka", reason="flights are integrated by heyoka: pip install contimpact[ode]"
+)
+needs_llvmlite = pytest.mark.skipif(
+    importlib.util.find_spec("llvmlite") is None, reason="the extra 'fast' is not installed"
+)
+
+CTX = mpmath.mp.clone()
+CTX.dps = 34
+
+DUFFING = "a w: a*cos(w*t) - 0.1*v0 - x0**3"
+CHAIN = "a w: -x0**3 - 0.2*(x0 - x1) + a*cos(w*t); -w*x1 + 0.2*(x0 - x1) - sin(a)*v1*ratio(1, 3)"
+FIELDS = [
+    DUFFING,
+    CHAIN,
+    "a w: -tanh(x0/a)*w - tan(0.3*sin(x0)) + 0.3*cos(w*t + 1)",
+    "a w: -sinh(x0)*w - cosh(a*v0)*0.1",
+    "a w: -asin(x0/4)*w - acos(0.2*sin(a*t))*0.1 - atan(v0*a)",
+    "a w: -exp(-x0**2/a)*x0 - log(2 + w*sin(v0)**2)",
+    "a w: -w*x0*sqrt(1 + x0**2) - 1/(a + x0**2) + x0/(3 + cos(t))",
+    "a w: -w*x0*(1 + x0**2)**1.5 - (a + v0**2)**(-2) + power(2 + x0**2, w) - exp(w)*t*x0/10",
+    "a w: -square(x0)*x0 - cube(v0)*0.1 + tan(a) + t*t*0.01 + sqrt(w) + atan(a) + pi",
+    "a w: -a",
+]
+
+
+def directions_of(field):
+    return " ".join(statement(field).names)
+
+
+def numbers_for(field, dt, seed):
+    rng, stated = np.random.default_rng(seed), statement(field)
+    state = rng.uniform(-1.0, 1.0, 1 + 2 * stated.freedom)
+    return [dt, *state.tolist(), *rng.uniform(0.6, 1.4, len(stated.parameters)).tolist()]
+
+
+def flown_plainly(field, directions, numbers):
+    found = flight_by_series(field, directions)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.array(found.function(*numbers, np.zeros(found.space)))
+
+
+@pytest.mark.parametrize("field", FIELDS)
+@pytest.mark.parametrize("dt", [0.0, 1e-9, 0.7, 5.0, -1.5])
+def test_flights_and_derivatives_are_those_in_many_digits(field, dt):
+    directions, numbers = directions_of(field), numbers_for(field, dt, 7)
+    exact = many_digits(CTX).names["flown"](field, directions, *numbers)
+    found = flown_plainly(field, directions, numbers)
+    size = max(1.0, max(abs(float(x)) for x in exact))
+    assert max(abs(float(x - y)) for x, y in zip(exact, found, strict=True)) < 2e-14 * size
+
+
+@pytest.mark.parametrize("dt", [60.0, -30.0])
+def test_long_flights_differ_from_heyokas_by_what_rounding_grows_to(dt):
+    directions, numbers = "dt x0 v0", numbers_for(DUFFING, dt, 3)
+    exact = many_digits(CTX).names["flown"](DUFFING, directions, *numbers)
+    exact = np.array([float(x) for x in exact])
+    theirs = np.array(integrator(DUFFING, ("dt", "x0", "v0"))(numbers))
+    found = flown_plainly(DUFFING, directions, numbers)
+    assert np.max(abs(found - exact)) < 4.0 * np.max(abs(theirs - exact)) + 1e-15
+
+
+def test_a_stiff_flight_is_that_of_the_closed_form():
+    c, dt = 1e4, 1.0
+    mean, end, by_mean, by_end = flown_plainly("c: -c*v0", "v0", [dt, 0.0, 0.3, 2.0, c])
+    mean_rate = -math.expm1(-c * dt) / (c * dt)
+    assert (mean, by_mean) == pytest.approx((2.0 * mean_rate, mean_rate), rel=1e-12)
+    assert abs(end) < 1e-13 > abs(by_end)
+
+
+def test_flights_that_do_not_stay_finite_or_take_too_many_steps_are_no_number(monkeypatch):
+    assert all(np.isnan(flown_plainly("a: x0**2 + a", "dt", [3.0, 0.0, 1.0, 1.0, 1.0])))
+    monkeypatch.setattr(taylor, "MOST_STEPS", 5)
+    given = [40.0, 0.0, 1.0, 1.0, 1.0]
+    limited = flight_by_series.__wrapped__("a: -a*x0", "")
+    assert all(np.isnan(limited.function(*given, np.zeros(limited.space))))
+
+
+def test_what_has_no_series_is_refused():
+    with pytest.raises(NotImplementedError, match="abs"):
+        flight_by_series("a: -a*abs(x0)", "")
+
+
+def path_of(field, numbers, weights):
+    """The pieces of a flight, for gap coordinates of these weights."""
+    found, (count, d) = path_by_series(field), np.shape(weights)
+    way = FollowedFlight(
+        np.zeros((d, ROW)),
+        np.zeros((count * MOST, ROW)),
+        np.zeros(2 * MOST * count),
+        *(np.zeros(count) for _ in range(3)),
+        np.zeros(2 * d),
+        np.zeros(d + count),
+    )
+    flat = np.ravel(weights)
+    return found.function(*numbers, np.zeros(found.space), flat, count, way), way
+
+
+@pytest.mark.parametrize(
+    ("field", "weights"), [(DUFFING, [[1.0]]), (CHAIN, [[1.0, 0.0], [1.0, -1.0], [0.0, 1.0]])]
+)
+@pytest.mark.parametrize("seed", range(4))
+def test_paths_and_every_zero_of_the_acceleration(field, weights, seed):
+    length = 12.0
+    numbers = numbers_for(field, length, seed)
+    made, way = path_of(field, numbers, weights)
+    track = IntegratedTrack(field, numbers[1:], length)
+    times = np.linspace(0.0, length, 701)
+    moved, speeds = track.moved_at(times)
+    count = len(weights)
+    for g, row in enumerate(weights):
+        curve = track.along(row, from_start=True)
+        assert way.breaks[2 * MOST * g :][: int(way.found[g])] == pytest.approx(
+            curve.breaks(), abs=1e-8
+        )
+        ours = np.array([motion_of_gap((g, count, made), t, way.steps) for t in times])
+        assert ours[:, 0] == pytest.approx(moved @ row, abs=1e-12)
+        assert ours[:, 1] == pytest.approx(speeds @ row, abs=1e-12)
+        pieces = way.steps[g : count * made : count]
+        assert np.sum(pieces[:, 1]) == pytest.approx(length, rel=1e-14)
+        for one, other in itertools.pairwise(pieces):  # pieces meet
+            assert motion_in_step(one, other[0]) == pytest.approx(
+                motion_in_step(other, other[0]), abs=1e-11
+            )
+
+
+def test_a_path_of_more_pieces_than_places_is_refused():
+    numbers = [600.0, 0.0, 0.5, 0.0, 0.0, 900.0]
+    made, _ = path_of("a w: a - w*x0", numbers, [[1.0]])
+    assert made == -1
+
+
+@needs_llvmlite
+@pytest.mark.parametrize(
+    "field", [*FIELDS[:2], *(pytest.param(field, marks=pytest.mark.full) for field in FIELDS[2:])]
+)
+def test_compiled_flights_are_those_of_the_plain_text(field, monkeypatch, tmp_path):
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
+    monkeypatch.setenv("CONTIMPACT_CACHE", str(tmp_path))
+    directions, numbers = directions_of(field), numbers_for(field, 3.0, 11)
+    function = flight_by_series(field, directions)
+    size = 2 * statement(field).freedom * (1 + len(directions.split()))
+    given = ", ".join(f"x[{i}]" for i in range(len(numbers)))
+
+    def build():
+        program = Program({})
+        text = f"""
+def entry(x, w, out):
+    found = flown({given}, w)
+    for i in range({size}):
+        out[i] = found[i]
+    return 0
+"""
+        program.glue(text, flown=function.function)
+        return program
+
+    compiled = compiling.load(("flown", field), "fff", build)
+    out = np.zeros(size)
+    compiled(np.array(numbers), np.zeros(function.space), out)
+    assert out.tolist() == flown_plainly(field, directions, numbers).tolist()
+
+
+def test_the_order_is_heyokas():
+    integrate = integrator(DUFFING)
+    assert integrate._adaptive.order == taylor.ORDER == DEGREE
+
+
+def test_fields_of_kernels_are_read():
+    field = text_of(["p_a"], ["p_a*power(p_a, ratio(3, 2)) - (x0*x0*x0)/square(p_a)"])
+    numbers = [0.4, 0.0, 0.3, 0.1, 1.3]
+    exact = integrator(field, ("p_a",))(numbers)
+    assert flown_plainly(field, "p_a", numbers) == pytest.approx(exact, rel=1e-14)
