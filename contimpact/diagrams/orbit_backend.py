@@ -25,7 +25,7 @@ from ..continuation.step import (
     columns,
     take_steps,
 )
-from ..orbits.block_cyclic import BLOCK, KEPT, POSITIONS, UNRESOLVED
+from ..orbits.block_cyclic import BLOCK, GROWN, KEPT, POSITIONS, UNRESOLVED
 from ..orbits.problem import OrbitProblem
 from ..segments.compiling import (
     CompiledProgram,
@@ -65,7 +65,7 @@ Functions: TypeAlias = tuple[Evaluate[V], Solve[V], TangentAt[V], Observe[V]]
 KEPT_STEPS = 64
 """Arrays of more steps than this are not kept for further ones."""
 
-TOO_STIFF = "flights whose equations are not linear, or too stiff"
+TOO_STIFF = "flights of modes of different kinds, or too stiff"
 
 
 LOOKING, LOOKS_AT = ("sign changes",), "FfiFF"
@@ -164,7 +164,7 @@ class OrbitBackend(ABC, Generic[V]):
             "sides": vector([float(wall.side) for wall in problem.model.WALLS]),
             "leaving": vector(passages.leaving),
             "fixed": table(1, POSITIONS + len(self.setup.walls) + len(self.setup.derived)),
-            "clock": vector([0.0] * 3),
+            "clock": vector([0.0] * (GROWN + 1)),
             "durations": vector([0.0] * count),
             "gaps": vector([0.0] * count * walls),
             "times": vector([0.0] * count * walls),
@@ -176,8 +176,9 @@ class OrbitBackend(ABC, Generic[V]):
         fast = self.compiled()
         if fast is None:
             return self.steps(position, most, None)
-        self.arrays.clock[UNRESOLVED] = 0.0
+        self.arrays.clock[UNRESOLVED:] = 0.0
         made = self.steps(position, most, fast)
+        self.problem.kernels.long |= self.arrays.clock[GROWN] > 0.0
         if self.arrays.clock[UNRESOLVED] == 0.0:
             return made
         import logging
@@ -232,7 +233,7 @@ class OrbitBackend(ABC, Generic[V]):
     def space(self) -> int:
         """Numbers of scratch space behind the parameter values of compiled code."""
         kernels, walls = self.problem.kernels, self.problem.model.WALLS
-        if not any(kernels.linear(wall.name) for wall in walls):
+        if not kernels.has_paths and not any(kernels.linear(wall.name) for wall in walls):
             return 0
         from .orbit_program import space_for
 
@@ -314,14 +315,16 @@ class CycleBackend(OrbitBackend[OrbitVectors]):
         given = self.vectors(ARRAYS)
         if self.space:
             given = given._replace(values=np.append(given.values, np.zeros(self.space)))
-        if self.variant == "law":
-            given = given._replace(steps=np.zeros((MOST, ROW)), zeros=np.zeros(2 * MOST))
+        if self.variant in ("law", "path"):
+            given = given._replace(steps=np.zeros((MOST + 1, ROW)), zeros=np.zeros(2 * MOST))
         return given
 
     @functools.cached_property
     def variant(self) -> str | None:
-        """See `segments.flight.variant_of`."""
-        return variant_of(self.problem.kernels, list(self.problem.model.values.values()))
+        """See `segments.flight.variant_of`; "path" where flights are integrated."""
+        kernels = self.problem.kernels
+        found = variant_of(kernels, list(self.problem.model.values.values()))
+        return found or ("path" if kernels.has_paths else None)
 
     def written(self) -> Program:
         from .orbit_program import program_of

@@ -66,7 +66,7 @@ class OrbitVectors(NamedTuple):
     for what is left, and for what depends on the parameters alone."""
     clock: Vector
     """Filled with the period and its derivative; `UNRESOLVED` grows by the flights on which
-    compiled code has not found the zeros of the acceleration."""
+    compiled code has not found the zeros of the acceleration, `GROWN` by those that are long."""
     steps: Table
     """Scratch space for `segments.oscillation`."""
     durations: Vector

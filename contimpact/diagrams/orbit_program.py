@@ -6,7 +6,7 @@ import ast
 import math
 
 from ..arrays import Vector
-from ..orbits.block_cyclic import store, store_compiled
+from ..orbits.block_cyclic import notice_growth, store, store_compiled
 from ..orbits.cyclic_chain import (
     ChainVectors,
     chain_step,
@@ -21,6 +21,7 @@ from ..segments.kernels import Kernels
 from ..segments.linear_flow import LONGEST, MEANS, SLOPES, balance, flow, halve_time
 from ..segments.machine_code import Program, choice
 from ..segments.oscillation import FollowedFlight, row_of, row_of_compiled
+from ..segments.taylor import EXCURSION, flight_kernel, path_kernel
 from ..syntax import parse
 from .orbit_functions import (
     OrbitVectors,
@@ -192,6 +193,11 @@ def multiply(
 
 def space_for(kernels: Kernels) -> int:
     """Return how many numbers of scratch space the flights of a model take; 0 for none."""
+    if kernels.has_paths:
+        walls = kernels.model.letters
+        flights = [flight_kernel(kernels.flight(a, b)) for a in walls for b in walls]
+        paths = [path_kernel(kernels.field(a)) for a in walls]
+        return max(found.space for found in (*flights, *paths)) + EXCURSION
     values = kernels.model.values.values()
     start = [0.0] * kernels.model.unknowns_per_impact
     linear = [guard.name for guard in kernels.model.WALLS if kernels.linear(guard.name)]
@@ -229,11 +235,15 @@ def add_scratch_space(kernel: Kernel) -> Kernel:
 
 OF_CYCLE = """
 def evaluate(orbit, z):
-    return evaluate_cycle(any_flight, any_setup, orbit, z)
+    size = evaluate_cycle(any_flight, any_setup, orbit, z)
+    {notice}
+    return size
 
 def observe(orbit, z, tangent, orientation, row, at):
     return observe_cycle(breaks, excursion, orbit, z, row, at)
 """
+
+NOTICE = "notice_growth(orbit.blocks, len(orbit.kinds), 2, orbit.clock)"
 
 
 def program_of(kernels: Kernels, variant: str) -> Program:
@@ -249,11 +259,15 @@ def program_of(kernels: Kernels, variant: str) -> Program:
     if any(kernels.linear(wall) for wall in walls):
         flights = {name: add_scratch_space(kernel) for name, kernel in flights.items()}
         ends += f", p[{count}:]"
+    if variant == "path":
+        flights = {name: flight_kernel(kernel).function for name, kernel in flights.items()}
+        ends += f", p[{count}:]"
     flight = choice("any_flight", "kind, t0, v0, t1, v1, p", "kind", list(flights), ends)
     program.glue(flight, **flights)
     add_excursions(program, kernels, variant, p)
-    called = newton_step, tangent_of_cycle, evaluate_cycle, observe_cycle
-    return glue_steps(program, kernels, OrbitVectors, OF_CYCLE, *called)
+    called = newton_step, tangent_of_cycle, evaluate_cycle, observe_cycle, notice_growth
+    text = OF_CYCLE.format(notice=NOTICE if variant == "path" else "pass")
+    return glue_steps(program, kernels, OrbitVectors, text, *called)
 
 
 OF_CHAIN = """

@@ -26,7 +26,7 @@ from collections.abc import Callable
 from typing import TypeAlias
 
 from ..arrays import Table, Vector
-from ..segments.layout import Blocks, Setup
+from ..segments.layout import Blocks, Setup, differences_grow
 from ..segments.segment import ELSEWHERE, MEETING
 
 BLOCK = 12
@@ -36,8 +36,9 @@ POSITIONS = 1
 """Place of the walls' positions in the row `fixed`: the forcing period stands before them, the
 derived parameters behind."""
 
-UNRESOLVED = 2
-"""Place in `clock` of a cycle: how many flights compiled code has not followed."""
+UNRESOLVED, GROWN = 2, 3
+"""Places in `clock` of a cycle: how many flights compiled code has not followed, and along how many
+differences have grown too much; see `notice_growth`."""
 
 KEPT = 15
 """Numbers of an eliminated impact: R (3), W (4), V (4), l (2), f (2)."""
@@ -117,6 +118,14 @@ def assemble(
     one, other = abs(rows[0]), abs(rows[1])
     total += one + other  # a maximum may lose what is not a number, a sum does not
     return max(size, one, other) if total - total == 0.0 else math.nan
+
+
+def notice_growth(blocks: Table, count: int, m: int, clock: Vector) -> None:
+    """Count the flights that would be computed in pieces; see `segments.integrated_form`."""
+    for k in range(count):
+        row = blocks[k]
+        if differences_grow(row[m : m + m * m], row[m + m * m :], m):
+            clock[GROWN] += 1.0
 
 
 def eliminate(

@@ -638,6 +638,16 @@ def excursion(
     )
 """
 
+PATH = """
+def excursion(
+    head, values, length, arriving, left_side, reached_side, zeros, phase, period, steps,
+):
+    return excursion_by_path(
+        any_path, head, values, length, arriving, left_side, reached_side, steps, zeros,
+        values[{count}:],
+    )
+"""
+
 GIVEN = """
 def breaks(values, period, zeros):
     return zeros
@@ -660,6 +670,15 @@ def add_excursions(program: Program, kernels: Kernels, variant: str, p: str) -> 
         given = f"head[1], head[2], {p}"
         program.glue(choice("any_law", "head, p", "head[0]", list(laws), given), **laws)
         program.glue(LAW, excursion_by_law=excursion_by_law)
+    elif variant == "path":
+        from .taylor import excursion_by_path, path_kernel
+
+        paths = {f"path_{a}": path_kernel(kernels.field(a)).function for a in walls}
+        given = f"head[1], head[2], {p}, length, space, (1.0,), 1, way"
+        text = choice("any_path", "head, p, length, space, way", "head[0]", list(paths), given)
+        program.glue(text, **paths)
+        count = len(kernels.model.values)
+        program.glue(PATH.format(count=count), excursion_by_path=excursion_by_path)
     else:
         motions = {f"motion_{a}": kernels.motion(a) for a in walls}
         given = f"head[1], head[2], dt, {p}"

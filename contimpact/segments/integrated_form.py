@@ -1,8 +1,8 @@
 """Integrated segments, long ones computed by multiple shooting.
 
-Rounding errors grow along a flight as all differences do. Where that comes to more than `LONG`, the
-flight is computed by multiple shooting, and its residual is the same up to a regular matrix: rows
-are combined such that none of them is large.
+Rounding errors grow along a flight as all differences do. Where that comes to more than
+`layout.LONG`, the flight is computed by multiple shooting, and its residual is the same up to a
+regular matrix: rows are combined such that none of them is large.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..arrays import Array, Number
 from .arithmetic import FLOATS, Arithmetic, evaluate_in
 from .derivatives import Series, series
 from .integration import IntegratedTrack, integrator, join_flights, rounding_scale, statement
-from .layout import SECTION, Blocks, CombinedBlocks, Row
+from .layout import SECTION, Blocks, CombinedBlocks, Row, differences_grow
 from .segment import ELSEWHERE, ClosedForm, KernelSource, Numbers
 
 # Long flights in pieces: multiple shooting between where a flight leaves and where it arrives.
@@ -369,10 +369,6 @@ def _interpolate_states(
     ]
 
 
-LONG = 1e3
-"""Growth of a flight from which on it is computed in pieces."""
-
-
 CANCELS = 32.0 * float(np.finfo(float).eps)
 """Part of its terms that a sum of them leaves which vanishes but for rounding."""
 
@@ -455,7 +451,7 @@ class IntegratedForm(ClosedForm):
         whole, failed = None, None
         try:
             whole = self._flight(*start, *end, *values)
-            if not differences_grow(whole, self._m):
+            if not differences_grow(whole[1], whole[2], self._m):
                 return whole
         except ArithmeticError as error:
             failed = error
@@ -498,19 +494,6 @@ class IntegratedForm(ClosedForm):
 
 
 SERIES = series(FLOATS)
-
-
-def differences_grow(blocks: Blocks, m: int) -> bool:
-    """Whether differences grow too much along a flight.
-
-    The derivatives by an unknown of the start are compared with those by the same one of the end.
-    """
-    _, leaving, arriving, _ = blocks
-    for i in range(m):
-        one = max(abs(x) for x in leaving[i::m])
-        if one > LONG and one > LONG * max(abs(x) for x in arriving[i::m]):
-            return True
-    return False
 
 
 def _coefficients(numbers: Sequence[Any], size: int) -> Array:

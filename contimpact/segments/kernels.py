@@ -22,7 +22,7 @@ from ..models.sources import digests
 from ..storage.files import cache_folder, load_file, logger, reason, store_file
 from .arithmetic import Kernel, kernel_of
 from .bounded import bounded_kernel
-from .layout import SECTION, Family, Setup
+from .layout import SECTION, Family, Setup, differences_grow
 from .segment import ELSEWHERE, ClosedForm, Passages, passages_of
 
 # What of a system was compared: kept in the cache, so that a warm check does without SymPy.
@@ -339,6 +339,20 @@ class Kernels:
         return len(laws[0]) > 1 and len({law[1:2] for law in laws}) == 1
 
     @functools.cached_property
+    def has_paths(self) -> bool:
+        """Whether the flights after all walls are integrated, by what compiled code can do."""
+        if not all(self.integrated(guard.name) for guard in self.model.WALLS):
+            return False
+        from .taylor import path_kernel
+
+        try:
+            for guard in self.model.WALLS:
+                path_kernel(self.field(guard.name))
+        except NotImplementedError:
+            return False
+        return True
+
+    @functools.cached_property
     def identity(self) -> str:
         """What the kernels' formulas depend on, as a hash."""
         return self._key("")
@@ -363,11 +377,11 @@ class Kernels:
         flight = self.flight(a, b)
         if flight.family is not Family.INTEGRATED:
             return flight
-        from .integrated_form import differences_grow
 
         def noticed(*given: float) -> Any:
             blocks = flight(*given)
-            self.long = self.long or differences_grow(blocks, self.model.unknowns_per_impact)
+            m = self.model.unknowns_per_impact
+            self.long = self.long or differences_grow(blocks[1], blocks[2], m)
             return blocks
 
         return noticed

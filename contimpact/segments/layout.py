@@ -25,7 +25,7 @@ from collections.abc import Iterable, Iterator
 from enum import StrEnum
 from typing import Any, NamedTuple, TypeAlias
 
-from ..arrays import Number
+from ..arrays import Number, Vector
 
 SECTION = "0"
 """Place at which flights of orbits without impacts start, in the names of kernels: t = 0. They end
@@ -131,3 +131,22 @@ def _refill(result: Any, values: Iterator[Any]) -> Any:
         return next(values)
     parts = (_refill(part, values) for part in result)
     return Setup(*parts) if isinstance(result, Setup) else tuple(parts)
+
+
+LONG = 1e3
+"""Growth of a flight from which on it is computed in pieces."""
+
+
+def differences_grow(leaving: Vector, arriving: Vector, m: int) -> bool:
+    """Whether differences grow too much along a flight, from the derivatives in its `Blocks`.
+
+    Those by an unknown of the start are compared with those by the same one of the end. The
+    function is in the plain subset of Python.
+    """
+    for i in range(m):
+        one, other = 0.0, 0.0
+        for k in range(m):
+            one, other = max(one, abs(leaving[m * k + i])), max(other, abs(arriving[m * k + i]))
+        if one > LONG and one > LONG * other:
+            return True
+    return False

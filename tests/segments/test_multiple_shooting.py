@@ -13,7 +13,7 @@ from contimpact.continuation.ends import EndKind
 from contimpact.models.word import Word
 from contimpact.orbits.quiet import problem_of
 from contimpact.orbits.search import orbit_at
-from contimpact.segments import integrated_form
+from contimpact.segments import layout
 from contimpact.segments.integrated_form import (
     MOST_PIECES,
     SIZE,
@@ -42,7 +42,7 @@ def both(monkeypatch, kernels, ask):
     segment, values = kernels.segment("S", "S"), list(VALUES.values())
     answers = []
     for long in (math.inf, 0.0):
-        monkeypatch.setattr(integrated_form, "LONG", long)
+        monkeypatch.setattr(layout, "LONG", long)
         answers.append(ask(segment, values))
     return answers
 
