@@ -90,7 +90,10 @@ def addresses(arrays: Iterable[Any]) -> list[int]:
 
 
 def load(
-    identity: tuple[str, ...], arguments: str, build: Callable[[], Program]
+    identity: tuple[str, ...],
+    arguments: str,
+    build: Callable[[], Program],
+    after: float = PAYS_AFTER,
 ) -> CompiledProgram | None:
     """Load a program from the cache, or compile it if that pays.
 
@@ -102,6 +105,8 @@ def load(
         Kinds of the entry's arguments.
     build : callable
         Returns the program, whose entry is the function ``entry``.
+    after : float
+        Seconds after which it pays.
 
     Returns
     -------
@@ -111,7 +116,7 @@ def load(
     key = (*identity, arguments)
     if key in _LOADED:
         return _LOADED[key]
-    pays = compiling_pays(identity)
+    pays = compiling_pays(identity, after)
     if key in _MISSING and not pays:
         return None
     digest = hashlib.sha256("\0".join((*key, *_machine())).encode()).hexdigest()
@@ -131,7 +136,7 @@ def load(
     return found
 
 
-def compiling_pays(identity: tuple[str, ...]) -> bool:
+def compiling_pays(identity: tuple[str, ...], after: float = PAYS_AFTER) -> bool:
     """Whether to compile a program that is not in the cache.
 
     Raises InputError if the mode is ``always`` and llvmlite is not installed.
@@ -140,7 +145,7 @@ def compiling_pays(identity: tuple[str, ...]) -> bool:
         found = "always, but llvmlite is not installed"
         accepted = "install contimpact[fast], or say auto or never"
         raise InputError("CONTIMPACT_COMPILED", found, accepted)
-    return mode() == "always" or (_EXPECTED[0] + _SPENT[identity] >= PAYS_AFTER and available())
+    return mode() == "always" or (_EXPECTED[0] + _SPENT[identity] >= after and available())
 
 
 def cores() -> int:

@@ -260,7 +260,10 @@ def _integrated_flights(inner: Arithmetic) -> Callable[..., Any]:
             return inner.names["flown"](field, directions, *arguments)
         _, given = _to_one_length(arguments)
         rows = [x.coefficients for x in given]
-        return [Series(row) for row in inner.names["flown_of_series"](field, directions, rows)]
+        flown = inner.names["flown_of_series"]
+        if inner is FLOATS and len(rows[0]) == 2:
+            from .taylor import flown_along as flown
+        return [Series(row) for row in flown(field, directions, rows)]
 
     return on_series
 

@@ -72,6 +72,11 @@ def limited_steps(most: int) -> Iterator[StepBudget]:
         _budget.reset(token)
 
 
+def is_limited() -> bool:
+    """Whether the steps of flights are counted."""
+    return _budget.get() is not None
+
+
 def _allowed(most: int) -> int:
     """How many steps a flight may ask for, which may take so many by itself."""
     budget = _budget.get()

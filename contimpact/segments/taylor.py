@@ -12,12 +12,15 @@ import functools
 import math
 import re
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
 
 from ..arrays import Table, Vector
 from ..syntax import parse
 from .arithmetic import Kernel, kernel_of
-from .integration import MOST_STEPS, SCALE
+from .compiling import load, mode, timed_plainly
+from .integration import MOST_STEPS, SCALE, flown_of_series, is_limited, statement
 from .oscillation import (
     COEFFICIENTS,
     DEGREE,
@@ -32,6 +35,9 @@ from .oscillation import (
     zeros_of_all,
 )
 from .taylor_text import Writer
+
+if TYPE_CHECKING:
+    from .machine_code import Program
 
 ORDER = DEGREE
 """Order of the series: heyoka's for errors at rounding."""
@@ -65,14 +71,16 @@ class BySeries(NamedTuple):
 
 
 @functools.cache
-def flight_by_series(field: str, directions: str) -> BySeries:
+def flight_by_series(field: str, directions: str, along: bool = False) -> BySeries:
     """Return what `integration.flown` does for a field and directions, as a plain function.
 
     It takes the numbers of `Statement.names` and scratch space, and returns NaN where the flow
-    ceases to be finite or takes too many steps. Raises NotImplementedError for a field with an
-    operation that has no series here.
+    ceases to be finite or takes too many steps. With `along` it takes the slopes of all numbers
+    behind these, and returns how all results change along them behind the results.
+
+    Raises NotImplementedError for a field with an operation that has no series here.
     """
-    writer = Writer(field, tuple(directions.split()))
+    writer = Writer(field, tuple(directions.split()), along)
     return _by_series(writer, "flight", writer.flight("flight"), step_length)
 
 
@@ -107,6 +115,65 @@ def _by_series(writer: Writer, name: str, text: str, *called: Callable[..., obje
 _PLACEHOLDER = re.compile("STRIDE|MOST_STEPS|ORDER")
 
 
+# Flights whose derivatives change along a direction, one by one, where that is compiled.
+
+PAYS_AFTER = 0.3
+"""Seconds that heyoka has taken for a field after which compiling pays: it takes about as long."""
+
+
+def flown_along(field: str, directions: str, rows: Sequence[Sequence[float]]) -> list[Any]:
+    """Return what `integration.flown_of_series` does for series to the first order; by compiled
+    code if that is there or pays, and steps are not counted."""
+    identity = ALONG, field, directions
+
+    def build() -> Program:
+        return _program(field, directions)
+
+    wanted = mode() != "never" and has_series(field) and not is_limited()
+    fast = load(identity, "fff", build, PAYS_AFTER) if wanted else None
+    if fast is None:
+        with timed_plainly(identity):
+            return flown_of_series(field, directions, rows)
+    given = np.array(rows, dtype=float).T.ravel()
+    space = np.empty(flight_by_series(field, directions, along=True).space)
+    found = np.empty(4 * statement(field).freedom * (1 + len(directions.split())))
+    fast(given, space, found)
+    if not np.all(np.isfinite(found)):
+        raise OverflowError("a flight does not stay finite")
+    return found.reshape(2, -1).T.tolist()
+
+
+ALONG = "flown along"
+"""Begins the identity of the programs of `flown_along`."""
+
+
+@functools.cache
+def has_series(field: str) -> bool:
+    """Whether all operations of a field have series here."""
+    try:
+        path_by_series(field)
+    except NotImplementedError:
+        return False
+    return True
+
+
+def _program(field: str, directions: str) -> Program:
+    from .machine_code import Program
+
+    size = len(statement(field).names)
+    given = ", ".join(f"x[{i}]" for i in range(2 * size))
+    program = Program({})
+    text = f"""
+def entry(x, space, out):
+    found = flight({given}, space)
+    for i in range(len(out)):
+        out[i] = found[i]
+    return 0
+"""
+    program.glue(text, flight=flight_by_series(field, directions, along=True).function)
+    return program
+
+
 # Kernels that integrate, as they are compiled: with scratch space as a last argument.
 
 
@@ -130,16 +197,27 @@ def path_kernel(kernel: Kernel) -> BySeries:
     """Return the kernel ``field`` of a wall as a function of what the kernel takes, the flight's
     duration and what `path_by_series` takes, which fills in the pieces of the flight."""
     function = _function_of(kernel)
-    *_, result = function.body
-    assert isinstance(result, ast.Return)
-    assert isinstance(result.value, ast.Tuple)
-    field, numbers = result.value.elts
+    result, (field, numbers) = _result_of(function)
     assert isinstance(numbers, ast.Tuple)
     found = path_by_series(ast.literal_eval(field))
     more = ["length", "space", "weights", "count", "way"]
     length, *others = (ast.Name(name, ast.Load()) for name in more)
     result.value = ast.Call(ast.Name("path", ast.Load()), [length, *numbers.elts, *others], [])
     return _kernel_with(kernel, function, more, {"path": found.function}, found.space)
+
+
+def field_of(kernel: Kernel) -> str:
+    """Return the text of the field that a kernel ``field`` returns."""
+    _, (field, _) = _result_of(_function_of(kernel))
+    return str(ast.literal_eval(field))
+
+
+def _result_of(function: ast.FunctionDef) -> tuple[ast.Return, list[ast.expr]]:
+    """The last line of a kernel ``field``, and what it returns."""
+    *_, result = function.body
+    assert isinstance(result, ast.Return)
+    assert isinstance(result.value, ast.Tuple)
+    return result, result.value.elts
 
 
 def _function_of(kernel: Kernel) -> ast.FunctionDef:

@@ -26,6 +26,7 @@ class Quantity(NamedTuple):
     degree: int
     """0 of a constant, 1 of what is linear in the time, 2 of all others."""
     by: frozenset[int]
+    """Places in its row of the derivatives that it has."""
     place: str
     """Where its row begins; of others the number that names them."""
 
@@ -35,17 +36,26 @@ CONSTANT, LINEAR, GENERAL = range(3)
 NOTHING: frozenset[int] = frozenset()
 
 
+ALONG = "*"
+"""The direction of second derivatives."""
+
+
 class Writer:
     """Writes the text of a flight.
 
-    Constants are numbers ``c7``, with derivatives ``c7_2`` by the directions. What is linear in the
-    time has them at the start of each step, ``c7``, and as rates, ``r7``.
+    Constants are numbers ``c7_0``, with derivatives ``c7_2`` at their places in a row. What is
+    linear in the time has them at the start of each step, ``c7_0``, and as rates, ``r7_0``. For
+    derivatives `along` a direction of all that a flight depends on, each row has those of the
+    quantity and of its derivatives behind these.
     """
 
-    def __init__(self, field: str, directions: tuple[str, ...]) -> None:
+    def __init__(self, field: str, directions: tuple[str, ...], along: bool = False) -> None:
         self.field, self.stated, self.directions = field, statement(field), directions
         self.freedom = self.stated.freedom
-        self.width = 1 + len(directions)
+        singles = [frozenset[str](), *(frozenset({name}) for name in directions)]
+        self.parts = singles + [part | {ALONG} for part in singles] if along else singles
+        self.along = frozenset({len(singles)}) if along else NOTHING
+        self.width = len(self.parts)
         self.once: list[str] = []
         """Lines for a flight, a step, and an order of the series."""
         self.each_step: list[str] = []
@@ -54,28 +64,19 @@ class Writer:
         self.rows = 2 * self.freedom
         self.count = 0
         self.helpers: dict[str, str] = {}
-        every = frozenset(range(1, self.width))
-        places = range(self.freedom)
-        self.means = [Quantity(GENERAL, every, str(self.width * i)) for i in places]
-        self.speeds = [
-            Quantity(GENERAL, every, str(self.width * (self.freedom + i))) for i in places
-        ]
+        every, d = frozenset(range(1, self.width)), self.freedom
+        rows = [Quantity(GENERAL, every, str(self.width * i)) for i in range(2 * d)]
+        self.means, self.speeds = rows[:d], rows[d:]
         names = self.stated.names
         self.given = {name: f"g{i}" for i, name in enumerate(names)}
-        self.variables: dict[str, Quantity] = {}
-        for name in ("dt", *self.stated.parameters):
-            self.variables[name] = self.number(self.given[name], name)
+        self.variables = {name: self.number(self.given[name], name) for name in names}
+        self.start = dict(self.variables)
         self.variables["t"] = self.time()
-        for i in places:
+        for i in range(d):
             self.variables[f"x{i}"] = self.position(i)
             self.variables[f"v{i}"] = self.speeds[i]
 
     # Names and places.
-
-    def unit(self, name: str) -> frozenset[int]:
-        """The direction that is a name, if it is one."""
-        found = self.directions.index(name) + 1 if name in self.directions else 0
-        return frozenset({found} - {0})
 
     def new(self) -> str:
         self.count += 1
@@ -85,15 +86,31 @@ class Writer:
         self.rows += 1
         return Quantity(GENERAL, by, str(self.width * (self.rows - 1)))
 
+    def new_quantity(self, degree: int, by: frozenset[int]) -> Quantity:
+        return self.new_row(by) if degree == GENERAL else Quantity(degree, by, self.new())
+
+    def lines_of(self, a: Quantity) -> list[str]:
+        """Where a quantity is computed."""
+        return (self.once, self.each_step, self.each_order)[a.degree]
+
     def at(self, a: Quantity, j: int = 0) -> str:
-        """Its coefficient of the order under way, or the derivative of that."""
-        if a.degree < GENERAL:
-            return f"c{a.place}_{j}" if j in a.by or j == 0 else "0.0"
-        return f"r[{int(a.place) + j}]"
+        """Its coefficient of the order under way, or a derivative of that."""
+        if j != 0 and j not in a.by:
+            return "0.0"
+        return f"c{a.place}_{j}" if a.degree < GENERAL else f"r[{int(a.place) + j}]"
 
     def rate(self, a: Quantity, j: int = 0) -> str:
         """The rate of what is linear in the time."""
         return f"r{a.place}_{j}" if j in a.by or j == 0 else "0.0"
+
+    def splits(self, a: Quantity, b: Quantity, j: int) -> list[tuple[int, int]]:
+        """The places of the factors in the derivative of a product."""
+        return [
+            (k, other)
+            for k in (0, *sorted(a.by))
+            if self.parts[k] <= self.parts[j]
+            if (other := self.parts.index(self.parts[j] - self.parts[k])) in b.by or other == 0
+        ]
 
     # What a flight is given.
 
@@ -101,34 +118,33 @@ class Writer:
         """A constant that is given, or known."""
         key = "number", text
         if key not in self.known:
-            made = self.known[key] = Quantity(CONSTANT, self.unit(name), self.new())
+            own = {self.directions.index(name) + 1} if name in self.directions else set[int]()
+            by = frozenset(own) | (self.along if name else NOTHING)
+            made = self.known[key] = Quantity(CONSTANT, by, self.new())
             self.once.append(f"{self.at(made)} = {text}")
-            self.once += [f"{self.at(made, j)} = 1.0" for j in made.by]
+            self.once += [f"{self.at(made, j)} = 1.0" for j in own]
+            self.once += [f"{self.at(made, j)} = {text.replace('g', 'e')}" for j in by - own]
         return self.known[key]
 
     def time(self) -> Quantity:
         """The time, linear in the part of the flight."""
-        length = self.variables["dt"]
-        made = Quantity(LINEAR, length.by | self.unit("t"), self.new())
-        self.once += [f"{self.rate(made)} = {self.at(length)}"]
-        self.each_step.append(f"{self.at(made)} = {self.given['t']} + at * {self.at(length)}")
-        for j in made.by:
-            self.once.append(f"{self.rate(made, j)} = {'1.0' if j in length.by else '0.0'}")
-            self.each_step.append(f"{self.at(made, j)} = {'at' if j in length.by else '1.0'}")
+        length, begun = self.start["dt"], self.start["t"]
+        made = Quantity(LINEAR, length.by | begun.by, self.new())
+        for j in (0, *made.by):
+            self.once.append(f"{self.rate(made, j)} = {self.at(length, j)}")
+            text = f"{self.at(begun, j)} + at * {self.at(length, j)}"
+            self.each_step.append(f"{self.at(made, j)} = {text}")
         return made
 
     def position(self, i: int) -> Quantity:
         """A position, from the mean velocity."""
-        mean, length, name = self.means[i], self.variables["dt"], f"x{i}"
+        mean, length, begun = self.means[i], self.start["dt"], self.start[f"x{i}"]
         made = self.new_row(mean.by)
         for j in range(self.width):
-            text = f"{self.at(length)} * {self.at(mean, j)}"
-            self.each_order.append(
-                f"{self.at(made, j)} = {text}{f' + {self.at(mean)}' if j in length.by else ''}"
-            )
-        begun = [f"{self.at(made)} += {self.given[name]}"]
-        begun += [f"{self.at(made, j)} += 1.0" for j in self.unit(name)]
-        self.each_order += ["if k == 0:", *(f"    {line}" for line in begun)]
+            self.each_order.append(f"{self.at(made, j)} = {self.scaled(length, mean, j, self.at)}")
+        self.each_order.append("if k == 0:")
+        for j in (0, *begun.by):
+            self.each_order.append(f"    {self.at(made, j)} += {self.at(begun, j)}")
         return made
 
     # Sums and products.
@@ -159,9 +175,9 @@ class Writer:
         minus = "-" if sign == "-" else ""
         for j in (0, *by):
             if len(both) == 2:
-                text = f"{self.coefficient(a, j)} {sign} {self.coefficient(b, j)}"
+                text = f"{self.at(a, j)} {sign} {self.at(b, j)}"
             else:
-                text = f"{minus if both[0] is b else ''}{self.coefficient(both[0], j)}"
+                text = f"{minus if both[0] is b else ''}{self.at(both[0], j)}"
             self.each_order.append(f"{self.at(made, j)} = {text}")
         if len(both) == 1:
             rest = a if both[0] is b else b
@@ -170,9 +186,6 @@ class Writer:
             for j in (0, *rest.by):
                 self.each_order.append(f"    {self.at(made, j)} {how} {self.at(rest, j)}")
         return made
-
-    def coefficient(self, a: Quantity, j: int) -> str:
-        return self.at(a, j) if j == 0 or j in a.by else "0.0"
 
     def general(self, a: Quantity) -> Quantity:
         """The same with rows."""
@@ -193,55 +206,55 @@ class Writer:
         return self.combined("product", a, b, make=lambda: self._product(a, b))
 
     def _product(self, a: Quantity, b: Quantity) -> Quantity:
-        by = a.by | b.by
+        by = frozenset(j for j in range(1, self.width) if self.splits(a, b, j))
         if a.degree == CONSTANT:
-            made = self.new_row(by) if b.degree == GENERAL else Quantity(b.degree, by, self.new())
-            lines = (self.once, self.each_step, self.each_order)[b.degree]
+            made = self.new_quantity(b.degree, by)
             for j in (0, *by):
-                lines.append(f"{self.at(made, j)} = {self._scaled(a, b, j, self.at)}")
+                text = self.scaled(a, b, j, self.at)
+                self.lines_of(made).append(f"{self.at(made, j)} = {text}")
                 if b.degree == LINEAR:
-                    scaled = self._scaled(a, b, j, self.rate)
-                    self.once.append(f"{self.rate(made, j)} = {scaled}")
+                    text = self.scaled(a, b, j, self.rate)
+                    self.once.append(f"{self.rate(made, j)} = {text}")
             return made
         a, b = self.general(a), self.general(b)
         made = self.new_row(by)
         found = ", ".join(self.at(made, j) for j in (0, *sorted(by)))
-        self.each_order.append(f"{found}{'' if by else ','} = {self.convolution(a, b)}")
+        self.each_order.append(f"{found}, = {self.convolution(a, b)}")
         return made
 
-    def _scaled(
-        self, a: Quantity, b: Quantity, j: int, part: Callable[[Quantity, int], str]
-    ) -> str:
+    def scaled(self, a: Quantity, b: Quantity, j: int, part: Callable[[Quantity, int], str]) -> str:
         """The product of a constant and a part of a quantity, or its derivative."""
-        terms = [f"{self.at(a)} * {part(b, j)}"] if j == 0 or j in b.by else []
-        terms += [f"{self.at(a, j)} * {part(b, 0)}"] if j != 0 and j in a.by else []
-        return " + ".join(terms)
+        pairs = self.splits(a, b, j)
+        return " + ".join(f"{self.at(a, k)} * {part(b, other)}" for k, other in pairs)
 
     def convolution(self, a: Quantity, b: Quantity) -> str:
         """The call of a function that returns the coefficients of a product."""
-        square = a.place == b.place and a.by == b.by
-        by = sorted(a.by | b.by)
-        one, other = (_letters(x.by) for x in (a, b))
-        name = f"square_of_{one}" if square else f"product_of_{one}_{other}"
-        lines = ["x, y = p[0], q[0]", "s0 += x * y"]
+        square = a == b
+        by = [j for j in range(1, self.width) if self.splits(a, b, j)]
+        name = f"product_{_letters(a.by)}_by_{_letters(b.by)}{'_squared' if square else ''}"
+        lines = ["s0 += p[0] * q[0]"]
         for j in by:
-            terms = [f"x * q[{j}]"] if j in b.by and not square else []
-            terms += [f"p[{j}] * y"] if j in a.by else []
-            lines.append(f"s{j} += {' + '.join(terms)}")
+            pairs = [(k, i) for k, i in self.splits(a, b, j) if k > i or not square]
+            lines.append(f"s{j} += {' + '.join(f'p[{k}] * q[{i}]' for k, i in pairs)}")
         twice = "2.0 * " if square else ""
         sums = ["s0", *(f"{twice}s{j}" for j in by)]
         self.helper(name, lines, ["s0", *(f"s{j}" for j in by)], sums)
         return f"{name}(w, {a.place}, {b.place}, k)"
 
     def helper(
-        self, name: str, lines: Sequence[str], sums: Sequence[str], result: Sequence[str]
+        self,
+        name: str,
+        lines: Sequence[str],
+        sums: Sequence[str],
+        result: Sequence[str],
+        first: int = 0,
     ) -> None:
-        """Add a function that sums over the orders of two series, whose rows are p and q."""
+        """Add a function that sums over orders, from the first, of two series with rows p and q."""
         if name in self.helpers:
             return
         text = f"def {name}(w, a, b, k):\n"
         text += "".join(f"    {one} = 0.0\n" for one in sums)
-        text += "    for i in range(k + 1):\n"
+        text += f"    for i in range({first}, k + 1):\n"
         text += "        p, q = w[STRIDE * i + a:], w[STRIDE * (k - i) + b:]\n"
         text += "".join(f"        {line}\n" for line in lines)
         text += f"    return ({', '.join(result)},)\n"
@@ -249,107 +262,108 @@ class Writer:
 
     # Elementary functions.
 
-    def value(self, a: Quantity) -> Quantity:
-        """The same without derivatives."""
-        return a._replace(by=NOTHING)
-
     def function(self, name: str, a: Quantity) -> Quantity:
-        return self.combined(name, a, make=lambda: self._function(name, a))
-
-    def _function(self, name: str, a: Quantity) -> Quantity:
-        if a.degree == CONSTANT:
-            return self._of_constant(name, a)
-        if name in PAIRS:
-            partner, sign, other_sign = PAIRS[name]
-            made, other = self.new_row(a.by), self.new_row(a.by)
-            self.known[partner, a] = other
-            self.chained(name, a, made, other, sign)
-            self.chained(partner, a, other, made, other_sign)
-            self.differentiate(a, made, other, sign)
-            self.differentiate(a, other, made, other_sign)
-            return made
-        made, plain = self.new_row(a.by), self.value(a)
-        if name == "exp":
-            slope = self.value(made)
-            self.chained(name, a, made, slope)
-        elif name in ("tan", "tanh", "sqrt", "recip"):
-            slope = self.new_row(NOTHING)
-            self.chained(name, a, made, slope)
-            itself = self.value(made)
-            one = self.number("1.0")
-            if name in ("tan", "tanh"):
-                sign = "+" if name == "tan" else "-"
-                found = self.sum(one, self.product(itself, itself), sign)
-            elif name == "recip":
-                found = self.product(self.number("-1.0"), self.product(itself, itself))
-            else:
-                found = self.product(self.number("0.5"), self.function("recip", itself))
-            self.each_order.append(f"{self.at(slope)} = {self.at(found)}")
-        else:
-            slope = self.general(self.slope(name, plain))
-            self.chained(name, a, made, slope)
-        self.differentiate(a, made, slope)
+        for more in (a.by, a.by | self.along, frozenset(range(1, self.width))):
+            found = self.known.get((name, a._replace(by=more)))
+            if found is not None:
+                return found if more == a.by else _with(found, a.by)
+        made = self.known[name, a] = self._function(name, a)
         return made
 
-    def slope(self, name: str, a: Quantity) -> Quantity:
-        """The derivative of a function that follows from its argument alone."""
-        if name == "log":
-            return self.function("recip", a)
+    def _function(self, name: str, a: Quantity) -> Quantity:
+        degree = GENERAL if a.degree > CONSTANT else CONSTANT
+        by = frozenset(j for j in range(1, self.width) if self.splits(a, a, j))
+        made, plain = self.new_quantity(degree, by), self.along & by
+        if name in PAIRS:
+            partner, sign, other_sign = PAIRS[name]
+            other = self.known[partner, a] = self.new_quantity(degree, by)
+            both = (name, made, other, sign), (partner, other, made, other_sign)
+            for function, y, slope, negative in both:
+                self.lines_of(y).extend(self.value(function, a, y, slope, negative))
+            for some in (plain, by - plain):
+                for _, y, slope, negative in both:
+                    self.differentiate(a, y, slope, some, negative)
+            return made
+        lines = self.lines_of(made)
+        place, slope = len(lines), a
+        if degree == GENERAL or by:
+            slope = self.slope(name, _with(a, NOTHING), _with(made, NOTHING))
+        lines[place:place] = self.value(name, a, made, slope)
+        self.differentiate(a, made, slope, plain)
+        if by - plain:
+            slope = self.slope(name, _with(a, plain), _with(made, plain))
+            self.differentiate(a, made, slope, by - plain)
+        return made
+
+    def slope(self, name: str, a: Quantity, y: Quantity) -> Quantity:
+        """The derivative of a function, from its argument and its value."""
         one = self.number("1.0")
+        match name:
+            case "exp":
+                return y
+            case "tan" | "tanh":
+                return self.sum(one, self.product(y, y), "+" if name == "tan" else "-")
+            case "recip":
+                return self.product(self.number("-1.0"), self.product(y, y))
+            case "sqrt":
+                return self.product(self.number("0.5"), self.function("recip", y))
+            case "log":
+                return self.function("recip", a)
         square = self.product(a, a)
         if name == "atan":
             return self.function("recip", self.sum(one, square))
         root = self.function("recip", self.function("sqrt", self.sum(one, square, "-")))
         return root if name == "asin" else self.product(self.number("-1.0"), root)
 
-    def _of_constant(self, name: str, a: Quantity) -> Quantity:
-        made = Quantity(CONSTANT, a.by, self.new())
-        x, y = self.at(a), self.at(made)
-        self.once.append(f"{y} = {_start(name, x)}")
-        slope = SLOPES[name].format(x=x, y=y)
-        self.once += [f"{self.at(made, j)} = {slope} * {self.at(a, j)}" for j in a.by]
-        return made
-
-    def chained(
-        self, name: str, a: Quantity, made: Quantity, slope: Quantity, sign: str = ""
-    ) -> None:
-        """Write the coefficients of f(a), whose derivative f'(a) is a series of its own."""
+    def value(
+        self, name: str, a: Quantity, y: Quantity, slope: Quantity, sign: str = ""
+    ) -> list[str]:
+        """Lines for the coefficients of y = f(a), from those of lower order of f'(a)."""
+        start = f"1.0 / {self.at(a)}" if name == "recip" else f"math.{name}({self.at(a)})"
+        if a.degree == CONSTANT:
+            return [f"{self.at(y)} = {start}"]
+        slope = self.general(slope)
         if a.degree == LINEAR:
-            before = f"w[STRIDE * (k - 1) + {slope.place}]"
-            later = f"{self.rate(a)} * {before} / k"
+            later = f"{self.rate(a)} * w[STRIDE * (k - 1) + {slope.place}] / k"
         else:
-            lines = ["s0 += i * (p[0] * q[0])"]
-            self.helper("chained", lines, ["s0"], ["s0"])
+            self.helper("chained", ["s0 += i * (p[0] * q[0])"], ["s0"], ["s0"], first=1)
             later = f"chained(w, {a.place}, {slope.place}, k)[0] / k"
-        self.each_order += [
-            "if k == 0:",
-            f"    {self.at(made)} = {_start(name, self.at(a))}",
-            "else:",
-            f"    {self.at(made)} = {sign}{later}",
-        ]
+        either = "if k == 0:", f"    {self.at(y)} = {start}", "else:"
+        return [*either, f"    {self.at(y)} = {sign}{later}"]
 
-    def differentiate(self, a: Quantity, made: Quantity, slope: Quantity, sign: str = "") -> None:
-        """Write the derivatives of f(a) by the directions: f'(a) times those of a."""
-        by = sorted(a.by)
+    def differentiate(
+        self, a: Quantity, y: Quantity, slope: Quantity, by: frozenset[int], sign: str = ""
+    ) -> None:
+        """Write some derivatives of y = f(a): those of a times f'(a), whose own derivative is
+        that along the direction of second ones."""
         if not by:
             return
-        if a.degree == LINEAR:
-            for j in by:
-                now = f"{self.at(a, j)} * {self.at(slope)}"
-                self.each_order.append(f"{self.at(made, j)} = {sign}({now})")
-            self.each_order += ["if k > 0:", f"    x = w[STRIDE * (k - 1) + {slope.place}]"]
-            how = "-=" if sign else "+="
-            for j in by:
-                self.each_order.append(f"    {self.at(made, j)} {how} {self.rate(a, j)} * x")
+        pairs = {
+            j: [(k, i) for k, i in self.splits(slope, a, j) if k in (0, *self.along) and i != 0]
+            for j in sorted(by)
+        }
+        lines = self.lines_of(y)
+        if a.degree < GENERAL:
+            for j, terms in pairs.items():
+                text = " + ".join(f"{self.at(slope, k)} * {self.at(a, i)}" for k, i in terms)
+                lines.append(f"{self.at(y, j)} = {sign}({text})")
+            if a.degree == LINEAR:
+                how = "-=" if sign else "+="
+                lines += ["if k > 0:", f"    q = w[STRIDE * (k - 1) + {slope.place}:]"]
+                for j, terms in pairs.items():
+                    text = " + ".join(f"q[{k}] * {self.rate(a, i)}" for k, i in terms)
+                    lines.append(f"    {self.at(y, j)} {how} {text}")
             return
-        name = f"slopes_of_{_letters(a.by)}"
-        lines = ["x = q[0]", *(f"s{j} += p[{j}] * x" for j in by)]
-        sums = [f"s{j}" for j in by]
-        self.helper(name, lines, sums, sums)
-        found = [f"d{j}" for j in by]
-        self.each_order.append(f"{', '.join(found)}, = {name}(w, {a.place}, {slope.place}, k)")
-        for j, one in zip(by, found, strict=True):
-            self.each_order.append(f"{self.at(made, j)} = {sign}{one}")
+        name = f"slopes_{_letters(by)}"
+        each = [
+            f"s{j} += {' + '.join(f'p[{i}] * q[{k}]' for k, i in terms)}"
+            for j, terms in pairs.items()
+        ]
+        sums = [f"s{j}" for j in pairs]
+        self.helper(name, each, sums, sums)
+        found = ", ".join(f"d{j}" for j in pairs)
+        lines.append(f"{found}, = {name}(w, {a.place}, {slope.place}, k)")
+        lines += [f"{self.at(y, j)} = {sign}d{j}" for j in pairs]
 
     def power(self, a: Quantity, b: Quantity, exponent: float | None) -> Quantity:
         """A power; `exponent` is its number if it has one."""
@@ -436,17 +450,17 @@ class Writer:
 
     def push(self) -> None:
         """Write the next coefficients of mean velocities and velocities."""
-        length, state = self.variables["dt"], (self.means, self.speeds)
+        length, state = self.start["dt"], (self.means, self.speeds)
         for mean, speed, text in zip(*state, self.stated.accelerations, strict=True):
             force = self.general(self.expression(parse_expression(text)))
             for j in range(self.width):
                 self.each_order.append(f"n[{int(mean.place) + j}] = {self.at(speed, j)} / (k + 1)")
-                text = f"{self.at(length)} * {self.coefficient(force, j)}"
-                text += f" + {self.at(force)}" if j in length.by else ""
+                text = self.scaled(length, force, j, self.at) or "0.0"
                 self.each_order.append(f"n[{int(speed.place) + j}] = ({text}) / (k + 1)")
 
     def flight(self, name: str) -> str:
-        """Return the text of a function that returns what `integration.flown` does."""
+        """Return the text of a function that returns what `integration.flown` does; where there
+        are second derivatives, the same of these behind it."""
         self.push()
         sums = self.state
         wanted = [
@@ -456,7 +470,8 @@ class Writer:
             for x in quantities
         ]
         found, none = (f"return ({', '.join(one)})" for one in (wanted, ["nan"] * len(sums)))
-        return self.loop(name, "w", [], found, none)
+        slopes = [given.replace("g", "e") for given in self.given.values()] if self.along else []
+        return self.loop(name, ", ".join([*slopes, "w"]), [], found, none)
 
     def path(self, name: str) -> str:
         """Return the text of a function that fills in the pieces of a flight."""
@@ -482,9 +497,8 @@ class Writer:
         sums, state = self.state, range(len(self.state))
         begun = [f"w[{i}] = 0.0" for i in state]
         for i in range(self.freedom):
-            at = int(self.speeds[i].place)
-            begun.append(f"w[{at}] = {self.given[f'v{i}']}")
-            begun += [f"w[{at + j}] = 1.0" for j in self.unit(f"v{i}")]
+            speed, at = self.start[f"v{i}"], int(self.speeds[i].place)
+            begun += [f"w[{at + j}] = {self.at(speed, j)}" for j in (0, *speed.by)]
         sizes = [f"max({', '.join(f'abs({row}[{i}])' for i in state)})" for row in "rpq"]
         lines = [
             f"def {name}({', '.join(self.given.values())}, {more}):",
@@ -525,27 +539,10 @@ PAIRS = {
 }
 """Functions whose derivatives are each other: the partner, and the signs of both derivatives."""
 
-SLOPES = {
-    "sin": "math.cos({x})",
-    "cos": "-math.sin({x})",
-    "tan": "(1.0 + {y} * {y})",
-    "asin": "1.0 / math.sqrt(1.0 - {x} * {x})",
-    "acos": "-1.0 / math.sqrt(1.0 - {x} * {x})",
-    "atan": "1.0 / (1.0 + {x} * {x})",
-    "sinh": "math.cosh({x})",
-    "cosh": "math.sinh({x})",
-    "tanh": "(1.0 - {y} * {y})",
-    "exp": "{y}",
-    "log": "1.0 / {x}",
-    "sqrt": "0.5 / {y}",
-    "recip": "-{y} * {y}",
-}
-"""Derivatives y' of the functions y of constants x."""
 
-
-def _start(name: str, x: str) -> str:
-    """The text of a function's value."""
-    return f"1.0 / {x}" if name == "recip" else f"math.{name}({x})"
+def _with(a: Quantity, by: frozenset[int]) -> Quantity:
+    """The same with some of its derivatives alone."""
+    return a._replace(by=a.by & by)
 
 
 def _letters(by: frozenset[int]) -> str:

@@ -22,7 +22,7 @@ from contimpact.segments.oscillation import (
     motion_in_step,
     motion_of_gap,
 )
-from contimpact.segments.taylor import flight_by_series, path_by_series
+from contimpact.segments.taylor import flight_by_series, flown_along, path_by_series
 
 pytest.importorskip(
     "heyoka", reason="flights are integrated by heyoka: pip install contimpact[ode]"
@@ -60,10 +60,15 @@ def numbers_for(field, dt, seed):
     return [dt, *state.tolist(), *rng.uniform(0.6, 1.4, len(stated.parameters)).tolist()]
 
 
+def blank(function):
+    """Scratch space in which nothing is known, as after a flight that does not stay finite."""
+    return np.full(function.space, np.nan)
+
+
 def flown_plainly(field, directions, numbers):
     found = flight_by_series(field, directions)
     with np.errstate(over="ignore", invalid="ignore"):
-        return np.array(found.function(*numbers, np.zeros(found.space)))
+        return np.array(found.function(*numbers, blank(found)))
 
 
 @pytest.mark.parametrize("field", FIELDS)
@@ -74,6 +79,33 @@ def test_flights_and_derivatives_are_those_in_many_digits(field, dt):
     found = flown_plainly(field, directions, numbers)
     size = max(1.0, max(abs(float(x)) for x in exact))
     assert max(abs(float(x - y)) for x, y in zip(exact, found, strict=True)) < 2e-14 * size
+
+
+@pytest.mark.parametrize("field", FIELDS)
+def test_second_derivatives_are_those_in_many_digits(field):
+    directions, numbers = directions_of(field), numbers_for(field, 2.0, 5)
+    slopes = np.random.default_rng(6).uniform(-1.0, 1.0, len(numbers)).tolist()
+    rows = [list(row) for row in zip(numbers, slopes, strict=True)]
+    exact = many_digits(CTX).names["flown_of_series"](field, directions, rows)
+    exact = np.array([[float(c) for c in row] for row in exact])
+    function = flight_by_series(field, directions, along=True)
+    found = function.function(*numbers, *slopes, blank(function))
+    size = max(1.0, np.max(abs(exact)))
+    assert np.max(abs(np.reshape(found, (2, -1)).T - exact)) < 2e-14 * size
+
+
+@needs_llvmlite
+def test_series_by_compiled_code_are_heyokas(kernel_cache, monkeypatch):
+    field = text_of(["p_a", "p_w"], ["p_a*cos(p_w*t) - sin(x0)"])
+    rows = [[x, 0.3 - 0.1 * i] for i, x in enumerate([2.0, 0.1, 0.4, -0.2, 0.9, 1.1])]
+    found = []
+    for mode in ("never", "always"):
+        monkeypatch.setenv("CONTIMPACT_COMPILED", mode)
+        found.append(np.array(flown_along(field, "dt x0 v0 p_w", rows)))
+    assert found[1] == pytest.approx(found[0], rel=1e-13, abs=1e-14)
+    assert not np.array_equal(found[0], found[1])  # another code
+    with pytest.raises(OverflowError, match="finite"):
+        flown_along("a: x0**2 + a", "dt", [[x, 0.0] for x in (3.0, 0.0, 1.0, 1.0, 1.0)])
 
 
 @pytest.mark.parametrize("dt", [60.0, -30.0])
@@ -99,7 +131,7 @@ def test_flights_that_do_not_stay_finite_or_take_too_many_steps_are_no_number(mo
     monkeypatch.setattr(taylor, "MOST_STEPS", 5)
     given = [40.0, 0.0, 1.0, 1.0, 1.0]
     limited = flight_by_series.__wrapped__("a: -a*x0", "")
-    assert all(np.isnan(limited.function(*given, np.zeros(limited.space))))
+    assert all(np.isnan(limited.function(*given, blank(limited))))
 
 
 def test_what_has_no_series_is_refused():
@@ -119,7 +151,7 @@ def path_of(field, numbers, weights):
         np.zeros(d + count),
     )
     flat = np.ravel(weights)
-    return found.function(*numbers, np.zeros(found.space), flat, count, way), way
+    return found.function(*numbers, blank(found), flat, count, way), way
 
 
 @pytest.mark.parametrize(
@@ -182,7 +214,7 @@ def entry(x, w, out):
 
     compiled = compiling.load(("flown", field), "fff", build)
     out = np.zeros(size)
-    compiled(np.array(numbers), np.zeros(function.space), out)
+    compiled(np.array(numbers), blank(function), out)
     assert out.tolist() == flown_plainly(field, directions, numbers).tolist()
 
 
