@@ -14,7 +14,9 @@ from typing import Any, NoReturn, TypeAlias
 from ..arrays import Number, Vector
 from ..errors import InputError
 from .arithmetic import FLOATS, PLAIN, Arithmetic, Kernel, evaluate_in, kernel_of
-from .layout import Blocks, flat, refill, result_text
+from .integration import statement
+from .layout import Blocks, Family, flat, refill, result_text
+from .taylor import flown_along
 from .transients import HIGHEST, MOTIONS, TABLES, TOGETHER
 
 # Kernels on truncated Taylor series: derivatives along a direction, of any order.
@@ -260,10 +262,7 @@ def _integrated_flights(inner: Arithmetic) -> Callable[..., Any]:
             return inner.names["flown"](field, directions, *arguments)
         _, given = _to_one_length(arguments)
         rows = [x.coefficients for x in given]
-        flown = inner.names["flown_of_series"]
-        if inner is FLOATS and len(rows[0]) == 2:
-            from .taylor import flown_along as flown
-        return [Series(row) for row in flown(field, directions, rows)]
+        return [Series(row) for row in inner.names["flown_of_series"](field, directions, rows)]
 
     return on_series
 
@@ -456,11 +455,23 @@ def _record_transients(order: int) -> Callable[..., Any]:
     return on_recorded
 
 
+def _record_flights(
+    field: str, directions: str, rows: Sequence[Sequence[Number]]
+) -> list[list[TapeNumber]]:
+    """Flights that are integrated, from series to the first order."""
+    numbers = [c for row in rows for c in row]
+    tape = next(x.tape for x in numbers if isinstance(x, TapeNumber))
+    call = f"flown_along({field!r}, {directions!r}, ({'({}, {}), ' * len(rows)}))"
+    found = tape.step(call, *numbers)
+    count = 2 * statement(field).freedom * (1 + len(directions.split()))
+    return [[tape.step(f"{{}}[{i}][{k}]", found) for k in range(2)] for i in range(count)]
+
+
 RECORDED = Arithmetic(
     {name: _record_function(name, f) for name, f in FLOATS.names.items() if name not in PLAIN}
     | {f"stumpffs{n}": _record_stumpff(n) for n in TOGETHER}
     | {f"transients{order}": _record_transients(order) for order in TABLES}
-    | {"nan": math.nan, **PLAIN}
+    | {"nan": math.nan, "flown_of_series": _record_flights, **PLAIN}
 )
 
 
@@ -475,7 +486,7 @@ def second_derivatives(kernel: Kernel, ends: int, parameters: Sequence[str]) -> 
     """Return ``second(t0, *y0, t1, *y1, *q, *p)``: how the `Blocks` of a flight change along a
     direction q. It has entries for the unknowns at both ends of the flight, and behind them for
     these parameters."""
-    if _loops(kernel):
+    if _loops(kernel) and kernel.family is not Family.INTEGRATED:
         directly = _directly(kernel, ends, parameters, 1)
 
         def second(*given: float) -> Blocks:
@@ -486,7 +497,8 @@ def second_derivatives(kernel: Kernel, ends: int, parameters: Sequence[str]) -> 
     tape, arguments, blocks = _evaluate_along(kernel, ends, parameters, 1)
     changes = tuple(tuple(_coefficient(number, 1) for number in block) for block in blocks)
     about = f"How {kernel.__name__} changes along a direction q."
-    return kernel_of("second", tape.kernel("second", arguments, about, changes), "<second>")
+    text = tape.kernel("second", arguments, about, changes)
+    return kernel_of("second", text, "<second>", {"flown_along": flown_along})
 
 
 def third_derivatives(kernel: Kernel, ends: int) -> Derivatives:

@@ -649,7 +649,7 @@ def velocities_at(field: str, numbers: Sequence[float], times: Array) -> Array:
     if longest == 0.0:
         return np.repeat(np.array(begun * 2)[:, None], len(times), axis=1)
     try:
-        track = IntegratedTrack(field, [float(x) for x in numbers], longest)
+        track = _track(field, tuple(float(x) for x in numbers), longest)
     except ArithmeticError:
         return np.full((2 * freedom, len(times)), np.nan)
     moved, speeds = (column.T for column in track.moved_at(times))
