@@ -365,12 +365,19 @@ class QuietProblem(OrbitProblem):
     def _largest_speed(self, unknowns: Array) -> float:
         values, state = self.values(unknowns), self.state(unknowns)
         length = self.span(unknowns)
-        track = self.kernels.since(self.model.WALLS[0].name)
-        if self.kernels.integrated(SECTION):  # once, for all instants
-            times = length / INSTANTS * np.arange(INSTANTS)
-            return float(np.max(np.abs(evaluate_in(track, ARRAYS)(*state, times, *values)[1])))
+        guard = self.model.WALLS[0]
+        if self.kernels.integrated(SECTION):  # once, for all instants and for the gaps
+            around = self.times_around(unknowns, 0)[1]
+            try:
+                track = integrated_track(self.kernels, SECTION, state, values, around)
+            except ArithmeticError:
+                return math.nan
+            _, speeds = track.at(length / INSTANTS * np.arange(INSTANTS))
+            row = np.array(guard.row(self.m // 2), dtype=float)
+            return float(np.max(np.abs(speeds @ row[: speeds.shape[1]])))
+        since = self.kernels.since(guard.name)
         return max(
-            abs(track(*state, part * length / INSTANTS, *values)[1]) for part in range(INSTANTS)
+            abs(since(*state, part * length / INSTANTS, *values)[1]) for part in range(INSTANTS)
         )
 
     def difference(self, one: Array, other: Array) -> Array:
