@@ -596,6 +596,7 @@ class IntegratedCurve:
         self.times, self.last = times.tolist(), len(position) - 1
         self._steps = np.diff(times)
         self._position, self._velocity = position, velocity
+        self._pieces: dict[int, list[tuple[float, float, float]]] = {}
 
     @functools.cached_property
     def _acceleration(self) -> Array:
@@ -604,18 +605,19 @@ class IntegratedCurve:
         found[:, :-1] = self._velocity[:, 1:] * orders / self._steps[:, None]
         return found
 
-    @functools.cached_property
-    def _parts(self) -> list[list[tuple[float, float, float]]]:
-        """Coefficients of each piece, the highest first."""
-        three = np.stack([self._position, self._velocity, self._acceleration], axis=2)
-        return [[(x, v, a) for x, v, a in piece] for piece in three[:, ::-1].tolist()]
+    def _piece(self, k: int) -> list[tuple[float, float, float]]:
+        """Coefficients of a piece, the highest first."""
+        if k not in self._pieces:
+            three = self._position[k], self._velocity[k], self._acceleration[k]
+            self._pieces[k] = list(zip(*(part[::-1].tolist() for part in three), strict=True))
+        return self._pieces[k]
 
     def __call__(self, head: Vector, dt: float, values: Vector) -> tuple[float, float, float]:
         """Return position, velocity and acceleration; see `flight.Motion`."""
         k = min(max(bisect_right(self.times, dt) - 1, 0), self.last)
         s = (dt - self.times[k]) / (self.times[k + 1] - self.times[k])
         x = v = a = 0.0
-        for b, c, d in self._parts[k]:
+        for b, c, d in self._piece(k):
             x, v, a = x * s + b, v * s + c, a * s + d
         return x, v, a
 
