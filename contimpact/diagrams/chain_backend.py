@@ -1,17 +1,18 @@
-"""The backend for orbits of linear machines with several coordinates, plain or compiled."""
+"""The backend for orbits of several coordinates, plain or compiled."""
 
 from __future__ import annotations
 
 import functools
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..arrays import ARRAYS, Array, Containers, Vector
 from ..bifurcations.extended_system import ManyOrbits, OneOrbit
 from ..continuation.branch import Block
-from ..continuation.step import columns
+from ..continuation.step import HEAD, Batch, Position, columns
 from ..models.guards import Row
 from ..orbits.block_cyclic import UNRESOLVED
 from ..orbits.cyclic_chain import (
@@ -25,9 +26,8 @@ from ..orbits.cyclic_chain import (
     observe_chain,
     tangent_of_chain,
 )
-from ..orbits.multipliers import pencil_multipliers, products_of
+from ..orbits.multipliers import known_multipliers, pencil_multipliers, products_of
 from ..orbits.problem import Linearisation, OrbitProblem
-from ..segments.arithmetic import Kernel
 from ..segments.layout import Blocks, Setup
 from ..segments.oscillation import MOST, ROW
 from ..segments.touches import coordinates
@@ -40,16 +40,22 @@ MOST_COORDINATES = 4
 """Up to which steps in plain Python, or in machine code without a library, pay."""
 
 
+AT_A_TIME = 8
+"""Steps at a time at most, where flights are dear: what is beyond an end is dropped."""
+
+
 class ChainBackend(OrbitBackend[ChainVectors]):
-    """See `OrbitBackend`; for several coordinates. Use `follows` to know whether there is one."""
+    """See `OrbitBackend`; for several coordinates, up to `MOST_COORDINATES`.
+
+    Steps themselves follow flights by linear laws, and tell gaps; `looks` says whether gaps of
+    other flights are asked for, which the points of a batch are looked at for one by one.
+    """
 
     ARGUMENTS = "iiiiii" + "fffffff" + "FFFF" + "fffff" + "FF" + "ffffff" + "ff" + "ffff" + "FF"
 
-    @staticmethod
-    def follows(problem: OrbitProblem) -> bool:
-        """Whether all flights of a word are linear, of few coordinates."""
-        few = problem.model.DEGREES_OF_FREEDOM <= MOST_COORDINATES
-        return few and all(problem.kernels.linear(a) for a in dict.fromkeys(problem.word.walls))
+    def __init__(self, problem: OrbitProblem, gaps: bool, doubling: bool) -> None:
+        super().__init__(problem, gaps and follows_laws(problem), doubling)
+        self.looks = gaps and not self.gaps
 
     @functools.cached_property
     def coordinates(self) -> dict[Row, list[int]]:
@@ -58,7 +64,9 @@ class ChainBackend(OrbitBackend[ChainVectors]):
 
     @functools.cached_property
     def laws(self) -> dict[str, int]:
-        """Of each wall that is left, how many harmonics its law has."""
+        """Of each wall that is left, how many harmonics its law has, where flights follow laws."""
+        if not follows_laws(self.problem):
+            return {}
         kernels, start = self.problem.kernels, [0.0] * self.problem.m
         given = *start, *self.problem.model.values.values()
         return {a: int(kernels.law(a)(*given)[1]) for a in dict.fromkeys(self.problem.word.walls)}
@@ -71,7 +79,7 @@ class ChainBackend(OrbitBackend[ChainVectors]):
         vector, table = made_by
         count, m, many = self.count, self.problem.m, len(self.coordinates)
         d = self.problem.model.DEGREES_OF_FREEDOM
-        size = 2 * d + 2 * max(self.laws.values()) + 1
+        size = 2 * d + 2 * max(self.laws.values(), default=0) + 1
         measured = {i: g for g, found in enumerate(self.coordinates.values()) for i in found}
 
         def zeros(count: int) -> Vector:
@@ -109,11 +117,11 @@ class ChainBackend(OrbitBackend[ChainVectors]):
     def functions(self) -> Functions[ChainVectors]:
         kernels, m = self.problem.kernels, self.problem.m
         named = self.problem.model.letters
-        flights: dict[int, Kernel] = {}
+        flights: dict[int, Callable[..., Any]] = {}
 
         def flight(kind: int, ends: Vector, values: Vector) -> Blocks:
             if kind not in flights:
-                flights[kind] = kernels.flight(*(named[i] for i in divmod(kind, len(named))))
+                flights[kind] = kernels.noticed(*(named[i] for i in divmod(kind, len(named))))
             found: Blocks = flights[kind](*ends[: 2 * m], *values)
             return found
 
@@ -142,8 +150,13 @@ class ChainBackend(OrbitBackend[ChainVectors]):
 
         return evaluate, chain_step, tangent_of_chain, observe
 
+    def advance(self, position: Position, most: int) -> Batch:
+        """Take steps until one is proposed or refused, but `most` of them, or fewer: sizes may
+        outgrow those that a walk began with."""
+        return super().advance(position, most if self.laws else min(most, AT_A_TIME))
+
     def resolve(self, z: Vector, row: Vector, at: int) -> None:
-        """Fill in gaps and verdict of flights that are too stiff to be followed in few steps."""
+        """Fill in gaps and verdict of flights that steps do not follow."""
         here = Linearisation(self.problem, np.array(z))
         orbit, gaps = OneOrbit(here), at + self.described
         measured = [*orbit.gaps.ravel().tolist(), *orbit.slowest.ravel().tolist()]
@@ -162,6 +175,8 @@ class ChainBackend(OrbitBackend[ChainVectors]):
             and len(set(self.laws.values())) == 1
         ):
             return ""
+        if not follows_laws(self.problem):
+            return "several coordinates that do not move linearly"
         return "modes of several coordinates that move by laws of different kinds"
 
     def written(self) -> Program:
@@ -171,9 +186,12 @@ class ChainBackend(OrbitBackend[ChainVectors]):
 
     def block(self, rows: Array) -> Block:
         m = self.problem.m
+        if self.looks:
+            self._look_at(rows)
         unknowns, tangents, signs, places, tries, seen = columns(rows, self.problem.n + 1)
         pencils = seen[:, 1 + FINDINGS : 1 + FINDINGS + 2 * m * m].reshape(-1, 2, m, m)
-        values = np.array([_multipliers(p, q) for p, q in pencils])
+        values = pencil_multipliers(pencils[:, 0], pencils[:, 1])
+        values = known_multipliers(values, self.problem.lost, int(self.problem.autonomous))
         findings = seen[:, 1 : 1 + FINDINGS]
         about, made = np.hstack([seen[:, :1], values.view(float), findings]), self.problem.described
         span, doubling = seen[:, self.described - 2], seen[:, self.described - 1]
@@ -184,8 +202,18 @@ class ChainBackend(OrbitBackend[ChainVectors]):
         measured = ManyOrbits(*points, *cycle, nearest, seen[:, gaps:turns], seen[:, turns:])
         return Block(*points, places, tries, about, made, measured=measured)
 
+    def _look_at(self, rows: Array) -> None:
+        """Fill in gaps and verdicts of points; those beyond the range have no period."""
+        n = self.problem.n + 1
+        at = 2 * n + HEAD
+        for row in rows:
+            if row[at + self.described - 2] != 0.0:
+                self.resolve(row[:n], row, at)
 
-def _multipliers(p: Array, q: Array) -> Array:
-    if not (np.isfinite(p).all() and np.isfinite(q).all()):
-        return np.full(len(p), np.nan + 0.0j)
-    return pencil_multipliers(p, q)
+
+def follows_laws(problem: OrbitProblem) -> bool:
+    """Whether all flights of a word are linear, and nothing but their gaps tells which end
+    beyond a guard."""
+    kernels, walls = problem.kernels, problem.word.walls
+    linear = all(kernels.linear(a) for a in dict.fromkeys(walls))
+    return linear and kernels.passages.anchored and not kernels.may_leave_at_once(walls)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
@@ -173,36 +173,33 @@ def backend_of(
 ) -> CycleBackend | ChainBackend | SwitchingBackend | None:
     """Return a problem on block-cyclic elimination.
 
-    None where there is none: for several coordinates that do not move linearly or are more than
-    four, for two free parameters, for orbits without impacts, for free periods, and where jumps
-    move the gap coordinate or turn the motion on a surface.
+    None where there is none: for more than four coordinates, for two free parameters, for orbits
+    without impacts, and of one coordinate for free periods and where jumps move it.
     """
     if problem.free != 1 or not problem.word.walls:
         return None
-    if problem.autonomous:
-        note_uncompiled("free periods")
-        return None
-    if problem.lost or not problem.kernels.passages.anchored:
-        note_uncompiled("modes of different dimension, and jumps that move the gap coordinate")
-        return None
-    if problem.kernels.may_leave_at_once(problem.word.walls):
-        note_uncompiled("flights that may leave their mode where they begin")
-        return None
+    kernels, walls = problem.kernels, problem.word.walls
     needs = {need for test in tests if isinstance(test, OrbitTest) for need in test.needs}
     wanted = gaps or "gaps" in needs, "doubling" in needs
-    if problem.m == 2:
-        backend = problem.solvers.get(f"steps{wanted}") or CycleBackend(problem, *wanted)
-        problem.solvers[f"steps{wanted}"] = backend
-        if not any(problem.kernels.flown(*kind) for kind in problem.kinds):
-            return backend
+    kind: Any = CycleBackend
+    if problem.m > 2:
+        from .chain_backend import MOST_COORDINATES, ChainBackend
 
-        return SwitchingBackend(backend, problem, problem.kernels)
-    from .chain_backend import ChainBackend
-
-    if not ChainBackend.follows(problem):
-        note_uncompiled("several coordinates that do not move linearly, or more than four of them")
+        kind = ChainBackend
+        if problem.model.DEGREES_OF_FREEDOM > MOST_COORDINATES:
+            note_uncompiled("more than four coordinates")
+            return None
+    elif problem.autonomous or problem.lost or not kernels.passages.anchored:
+        note_uncompiled("one coordinate with free periods, or that jumps move")
         return None
-    return ChainBackend(problem, *wanted)
+    elif kernels.may_leave_at_once(walls):
+        note_uncompiled("flights that may leave their mode where they begin")
+        return None
+    backend = problem.solvers.get(f"steps{wanted}") or kind(problem, *wanted)
+    problem.solvers[f"steps{wanted}"] = backend
+    if any(kernels.flown(*ends) for ends in problem.kinds):
+        return SwitchingBackend(backend, problem, kernels)
+    return backend
 
 
 # Where branches of free period end: at equilibria, and where periods or rounding errors grow.

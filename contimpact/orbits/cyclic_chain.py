@@ -8,6 +8,9 @@ row of `blocks`: m residuals, the blocks A and B row by row, m derivatives by la
 impact is a row of `kept`: m rows of the coefficients of its own unknowns, of z_1, of z_{k+1}, of
 lambda, and the right side. What is left stands in `reduced`: P, Q, the column of lambda, the right
 side, then sign and logarithm of the product of all that was divided by.
+
+Where the period is free, the orbit closes at t = 0 (see `quiet`): the last arrival does not move
+with t_1, and the first column of Q is left out of the Jacobian, that of P out of the pencil.
 """
 
 from __future__ import annotations
@@ -51,14 +54,15 @@ def assemble(
     """Evaluate every flight of a cycle at the unknowns z; returns the largest residual.
 
     As `block_cyclic.assemble` with m unknowns per impact: ``flight(kind, ends, values)`` takes the
-    2m unknowns at its ends, for which `ends` is scratch space.
+    2m unknowns at its ends, for which `ends` is scratch space. With no `periods`, the orbit's is
+    free.
     """
     count = len(kinds)
     n = m * count
     values[place] = z[n]
     period, slopes, _, positions, derived, _ = setup(values)
     store(fixed, 0, (period,) + positions + derived)  # noqa: RUF005
-    span, drift = periods * period, periods * slopes[0]
+    span, drift = periods * period if periods > 0 else -z[0], periods * slopes[0]
     clock[0], clock[1] = span, drift
     size, total = 0.0, 0.0
     for k in range(count):
@@ -172,6 +176,7 @@ def solve(
     work: Table,
     count: int,
     m: int,
+    free_period: bool,
     row: Vector,
     g: float,
     out: Vector,
@@ -184,8 +189,10 @@ def solve(
     for i in range(m):
         for j in range(m):
             work[i][j] = reduced[m * i + j] + reduced[size + m * i + j]
+        if free_period:
+            work[i][0] = reduced[m * i]
         work[i][m], work[i][m + 1] = reduced[2 * size + i], reduced[2 * size + m + i]
-    eliminate_border(kept, work[m], work[m + 1], count, m, row, g)
+    eliminate_border(kept, work[m], work[m + 1], count, m, free_period, row, g)
     if reduced[2 * size + 2 * m] == 0.0:
         return 0.0
     determinant = triangular(work, m + 1, m + 2)
@@ -207,7 +214,10 @@ def solve(
             at = width * i
             x = row[at + 3 * m + 1] - row[at + 3 * m] * out[m * count]
             for j in range(m):
-                x -= row[at + m + j] * out[j] + row[at + 2 * m + j] * out[later + j]
+                known = row[at + 2 * m + j] * out[later + j]
+                if free_period and j == 0 and later == 0:
+                    known = 0.0
+                x -= row[at + m + j] * out[j] + known
             for j in range(i + 1, m):
                 x -= row[at + j] * out[m * k + j]
             out[m * k + i] = x / row[at + i]
@@ -215,7 +225,14 @@ def solve(
 
 
 def eliminate_border(
-    kept: Table, border: Vector, left: Vector, count: int, m: int, row: Vector, g: float
+    kept: Table,
+    border: Vector,
+    left: Vector,
+    count: int,
+    m: int,
+    free_period: bool,
+    row: Vector,
+    g: float,
 ) -> None:
     """Fill in the border in z_1 and lambda alone, and its right side.
 
@@ -242,7 +259,8 @@ def eliminate_border(
             border[m] -= factor * known[at + 3 * m]
             border[m + 1] -= factor * known[at + 3 * m + 1]
     for i in range(m):
-        border[i] += left[i]
+        if not (free_period and i == 0):
+            border[i] += left[i]
 
 
 def triangular(work: Table, size: int, width: int) -> float:
@@ -269,12 +287,20 @@ def triangular(work: Table, size: int, width: int) -> float:
 
 
 def row_norms(
-    blocks: Table, count: int, m: int, drift: float, mu: float, scale: Vector, free: float
+    blocks: Table,
+    count: int,
+    m: int,
+    free_period: bool,
+    drift: float,
+    mu: float,
+    scale: Vector,
+    free: float,
 ) -> float:
     """Return the logarithm of the product of the rows' norms in the cyclic matrix.
 
     The last coupling is multiplied by mu, columns by the sizes in `scale`, m of them, and that of
-    lambda by `free`; zero leaves it out.
+    lambda by `free`; zero leaves it out. Where the period is free, the matrix is the Jacobian for a
+    positive mu, and that of the multipliers for a negative one.
     """
     logarithm, size = 0.0, m * m
     for k in range(count):
@@ -284,6 +310,9 @@ def row_norms(
             total *= total
             for j in range(m):
                 one, other = b[m + m * i + j], b[m + size + m * i + j]
+                if free_period and j == 0:
+                    other = 0.0 if mu > 0.0 and k + 1 == count else other
+                    one = 0.0 if mu < 0.0 and k == 0 else one
                 if count == 1:
                     one, other = one + mu * other, 0.0
                 one, other = one * scale[j], other * scale[j]
@@ -294,12 +323,14 @@ def row_norms(
     return 0.5 * logarithm
 
 
-def doubling(reduced: Vector, work: Table, m: int) -> float:
+def doubling(reduced: Vector, work: Table, m: int, free_period: bool) -> float:
     """Return the determinant of P - Q."""
     size = m * m
     for i in range(m):
         for j in range(m):
             work[i][j] = reduced[m * i + j] - reduced[size + m * i + j]
+        if free_period:
+            work[i][0] = -reduced[size + m * i]
     return triangular(work, m, m)
 
 
@@ -381,18 +412,18 @@ def eliminate_chain(orbit: ChainVectors, right: float, exact: bool, z: Vector) -
 def chain_step(orbit: ChainVectors, row: Vector, g: float, out: Vector) -> bool:
     """Fill `out` with Newton's step at the point last evaluated; whether there is one."""
     eliminate_chain(orbit, 1.0, False, out)
-    count, m = len(orbit.kinds), orbit.counts[UNKNOWNS]
-    return abs(solve(orbit.reduced, orbit.kept, orbit.work, count, m, row, g, out)) > 0.0
+    count, m, free = len(orbit.kinds), orbit.counts[UNKNOWNS], orbit.counts[PERIODS] == 0
+    return abs(solve(orbit.reduced, orbit.kept, orbit.work, count, m, free, row, g, out)) > 0.0
 
 
 def tangent_of_chain(
     orbit: ChainVectors, z: Vector, row: Vector, scale: Vector, out: Vector
 ) -> float:
     """Fill `out` with the unit tangent; see `diagrams.orbit_functions.tangent_of_cycle`."""
-    count, m = len(orbit.kinds), orbit.counts[UNKNOWNS]
+    count, m, free = len(orbit.kinds), orbit.counts[UNKNOWNS], orbit.counts[PERIODS] == 0
     n = m * count
     eliminate_chain(orbit, 0.0, True, z)
-    det = solve(orbit.reduced, orbit.kept, orbit.work, count, m, row, 1.0, out)
+    det = solve(orbit.reduced, orbit.kept, orbit.work, count, m, free, row, 1.0, out)
     size = 0.0
     for i in range(n + 1):
         part = out[i] / scale[i]
@@ -405,7 +436,7 @@ def tangent_of_chain(
         sizes += count * math.log(scale[i])
     for i in range(n + 1):
         out[i] /= size
-    norms = row_norms(orbit.blocks, count, m, orbit.clock[1], 1.0, scale, scale[n])
+    norms = row_norms(orbit.blocks, count, m, free, orbit.clock[1], 1.0, scale, scale[n])
     at = 2 * m * m + 2 * m
     sign, logarithm = orbit.reduced[at], orbit.reduced[at + 1]
     return scale_determinant(sign, logarithm + sizes, det * size, norms)
@@ -427,7 +458,7 @@ def observe_chain(
     """
     counts, clock = orbit.counts, orbit.clock
     count, m, walls = len(orbit.kinds), counts[UNKNOWNS], counts[WALLS]
-    worst = 0.0
+    worst, free = 0.0, counts[PERIODS] == 0
     for k in range(count):
         for i in range(m):
             worst = max(worst, abs(orbit.blocks[k][i]))
@@ -435,13 +466,16 @@ def observe_chain(
     at += 1 + FINDINGS
     for i in range(2 * m * m):
         row[at + i] = orbit.reduced[i]
+    if free:
+        for i in range(m):
+            row[at + m * i] = 0.0
     at += 2 * m * m
     row[at], row[at + 1] = clock[0], math.nan
     if counts[DOUBLING] != 0:
-        det, place = doubling(orbit.reduced, orbit.work, m), 2 * m * m + 2 * m
+        det, place = doubling(orbit.reduced, orbit.work, m, free), 2 * m * m + 2 * m
         for i in range(m):
             orbit.ends[i] = 1.0
-        norms = row_norms(orbit.blocks, count, m, clock[1], -1.0, orbit.ends, 0.0)
+        norms = row_norms(orbit.blocks, count, m, free, clock[1], -1.0, orbit.ends, 0.0)
         sign, logarithm = orbit.reduced[place], orbit.reduced[place + 1]
         row[at + 1] = scale_determinant(sign, logarithm, det, norms)
     at += 2

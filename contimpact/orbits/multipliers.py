@@ -187,9 +187,15 @@ class Stability:
         that are held have none; in the pencil theirs are zero, too."""
         if not lost and not held:
             return self
-        values = self.multipliers[: len(self.multipliers) - held].copy()
-        values[len(values) - lost :] = 0.0
+        values = known_multipliers(self.multipliers, lost, held)
         return replace(self, multipliers=values, products=products_of(values))
+
+
+def known_multipliers(values: Array, lost: int, held: int) -> Array:
+    """Return multipliers along the last axis as `Stability.without` has them."""
+    values = values[..., : values.shape[-1] - held].copy()
+    values[..., values.shape[-1] - lost :] = 0.0
+    return values
 
 
 def stability_of(start: Array, end: Array) -> Stability:
@@ -297,39 +303,45 @@ def _stability_of_any_size(start: Array, end: Array) -> Stability:
 
 
 def pencil_multipliers(p: Array, q: Array) -> Array:
-    """Return the values of mu at which P + mu Q is singular, in their order."""
+    """Return the values of mu at which P + mu Q is singular, in their order, for pencils of shape
+    (..., m, m); NaN for those that are not finite."""
     from scipy.linalg.lapack import dggev
 
     # unknowns in units that lie far apart, as nanoseconds and metres per second do, would be
     # rounded beside the largest; powers of two change no digit
-    sizes = np.maximum(np.max(np.abs(p), axis=0), np.max(np.abs(q), axis=0))
+    sizes = np.maximum(np.max(np.abs(p), axis=-2), np.max(np.abs(q), axis=-2))
     scales = np.exp2(-np.round(np.log2(np.where(sizes > 0.0, sizes, 1.0))))
-    p, q = p * scales, q * scales
-    real, imaginary, below, _, _, _, failed = dggev(p, -q, 0, 0)  # eigvals takes five times longer
-    if failed:
-        raise np.linalg.LinAlgError("eigenvalues of a pencil did not converge")
-    above = real + 1j * imaginary
-    infinite = np.abs(below) <= INFINITE * np.linalg.norm(q)
+    shape, m = p.shape[:-1], p.shape[-1]
+    one, other = (np.reshape(part * scales[..., None, :], (-1, m, m)) for part in (p, q))
+    real, imaginary, below = (np.full((len(one), m), np.nan) for _ in range(3))
+    for i in np.flatnonzero(np.isfinite(one).all((1, 2)) & np.isfinite(other).all((1, 2))).tolist():
+        found = dggev(one[i], -other[i], 0, 0)  # eigvals takes five times longer
+        if found[-1]:
+            raise np.linalg.LinAlgError("eigenvalues of a pencil did not converge")
+        real[i], imaginary[i], below[i] = found[:3]
     with np.errstate(divide="ignore", invalid="ignore"):
-        values = np.where(infinite, np.inf + 0.0j, above / below)
-    upper = np.flatnonzero(imaginary > 0.0)
-    values[upper + 1] = values[upper].conj()  # but for rounding, they are
-    return order_multipliers(values)
+        infinite = np.abs(below) <= INFINITE * np.linalg.norm(other, axis=(1, 2))[:, None]
+        values = np.where(infinite, np.inf + 0.0j, (real + 1j * imaginary) / below)
+    rows, upper = np.nonzero(imaginary > 0.0)
+    values[rows, upper + 1] = values[rows, upper].conj()  # but for rounding, they are
+    return order_multipliers(values).reshape(shape)
 
 
 def order_multipliers(values: Array) -> Array:
-    """Return multipliers by their absolute values, the largest first.
+    """Return multipliers by their absolute values, the largest first, along the last axis.
 
     Those of one absolute value, as far as rounding tells, follow each other as they do along the
     upper half of a circle from the positive real axis on, each before its complex conjugate.
     """
     with np.errstate(invalid="ignore"):
-        values = values[np.argsort(-np.abs(values), kind="stable")]
+        order = np.argsort(-np.abs(values), axis=-1, kind="stable")
+        values = np.take_along_axis(values, order, axis=-1)
         sizes = np.abs(values)
-        smaller = sizes[1:] < (1.0 - ALIKE) * sizes[:-1]
-    group = np.cumsum(np.concatenate([[False], smaller]))
+        smaller = sizes[..., 1:] < (1.0 - ALIKE) * sizes[..., :-1]
+    group = np.zeros(values.shape)
+    group[..., 1:] = np.cumsum(smaller, axis=-1)
     order = np.lexsort((values.imag < 0.0, np.abs(np.angle(values)), group))
-    return np.asarray(values[order], dtype=complex)
+    return np.asarray(np.take_along_axis(values, order, axis=-1), dtype=complex)
 
 
 def products_of(values: Array) -> Array:

@@ -362,13 +362,13 @@ class Kernels:
         kind = start * walls + end; for one degree of freedom."""
         named = self.model.letters
         loaded = _LazyKernels[Callable[..., Any]](
-            lambda kind: self._noticed(*(named[i] for i in divmod(kind, len(named))))
+            lambda kind: self.noticed(*(named[i] for i in divmod(kind, len(named))))
         )
 
         return _caller("kind, t0, v0, t1, v1, p", "kind", "t0, v0, t1, v1", self.model, loaded)
 
-    def _noticed(self, a: str, b: str) -> Callable[..., Any]:
-        """A flight; of one that is integrated it is noticed if it is `long`."""
+    def noticed(self, a: str, b: str) -> Callable[..., Any]:
+        """Return `flight`; of one that is integrated it is noticed if it is `long`."""
         flight = self.flight(a, b)
         if flight.family is not Family.INTEGRATED:
             return flight
