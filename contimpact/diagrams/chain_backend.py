@@ -13,10 +13,14 @@ from ..arrays import ARRAYS, Array, Containers, Vector
 from ..bifurcations.extended_system import ManyOrbits, OneOrbit
 from ..continuation.branch import Block
 from ..continuation.step import HEAD, Batch, Position, columns
-from ..models.guards import Row
-from ..orbits.block_cyclic import UNRESOLVED
+from ..models.guards import Row, orders_of
 from ..orbits.cyclic_chain import (
+    AT_END,
+    AT_START,
+    BY_RATE,
     FINDINGS,
+    GAPS,
+    WATCHED,
     ChainVectors,
     block_size,
     chain_step,
@@ -30,6 +34,7 @@ from ..orbits.multipliers import known_multipliers, pencil_multipliers, products
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..segments.layout import Blocks, Setup
 from ..segments.oscillation import MOST, ROW
+from ..segments.segment import ELSEWHERE
 from ..segments.touches import coordinates
 from .orbit_backend import Functions, OrbitBackend
 
@@ -40,22 +45,64 @@ MOST_COORDINATES = 4
 """Up to which steps in plain Python, or in machine code without a library, pay."""
 
 
-AT_A_TIME = 8
+AT_A_TIME = 16
 """Steps at a time at most, where flights are dear: what is beyond an end is dropped."""
 
 
 class ChainBackend(OrbitBackend[ChainVectors]):
     """See `OrbitBackend`; for several coordinates, up to `MOST_COORDINATES`.
 
-    Steps themselves follow flights by linear laws, and tell gaps; `looks` says whether gaps of
-    other flights are asked for, which the points of a batch are looked at for one by one.
+    Steps themselves follow flights by linear laws, and, where they are compiled, those that are
+    integrated; for gaps of others the points of a batch are looked at one by one.
     """
 
-    ARGUMENTS = "iiiiii" + "fffffff" + "FFFF" + "fffff" + "FF" + "ffffff" + "ff" + "ffff" + "FF"
+    ARGUMENTS = (
+        "iiiiii" + "ffff" + "i" + "fff" + "FFFF" + "fffff" + "FF" + "ffffff" + "ff" + "ffff" + "FF"
+    )
 
     def __init__(self, problem: OrbitProblem, gaps: bool, doubling: bool) -> None:
-        super().__init__(problem, gaps and follows_laws(problem), doubling)
-        self.looks = gaps and not self.gaps
+        super().__init__(problem, gaps, doubling)
+        self.by_laws = follows_laws(problem)
+
+    def follows(self, compiled: bool) -> bool:
+        """Whether steps tell gaps."""
+        kernels, guards = self.problem.kernels, self.problem.model.WALLS
+        by_paths = compiled and kernels.has_paths and self.whole
+        slides = any(guard.past for guard in guards)
+        return self.gaps and not slides and (self.by_laws or by_paths)
+
+    @functools.cached_property
+    def whole(self) -> bool:
+        """Whether modes have all coordinates."""
+        model, size = self.problem.model, self.problem.model.DEGREES_OF_FREEDOM
+        modes = {guard.next_mode for guard in model.WALLS}
+        return all(all(orders_of(model.MODES, mode, size)) for mode in modes)
+
+    @functools.cached_property
+    def watched(self) -> list[int]:
+        """What flights are watched for, by the wall they leave and another; see `cyclic_chain`."""
+        kernels, walls = self.problem.kernels, range(self.walls)
+        passages, bits = kernels.passages, [0] * self.walls**2
+        for a in walls:
+            jumps, ahead = self.jumps[a], kernels.guards_ahead(a)
+            resting, behind = passages.resting(a), kernels.guards_behind(a)
+            for b in walls:
+                watched = passages.watched[a][b]
+                begins = watched if jumps else b in ahead
+                by_rate = b in passages.beginning(a) or b in resting
+                bits[self.walls * a + b] = (
+                    WATCHED * watched
+                    + AT_START * begins
+                    + BY_RATE * by_rate
+                    + AT_END * (b in behind)
+                )
+        return bits
+
+    @functools.cached_property
+    def jumps(self) -> list[int]:
+        """Of each wall, whether a flight begins elsewhere than on the wall it leaves."""
+        arrivals = self.problem.kernels.passages.arrivals
+        return [int(arrivals[a][a] == ELSEWHERE) for a in range(self.walls)]
 
     @functools.cached_property
     def coordinates(self) -> dict[Row, list[int]]:
@@ -65,7 +112,7 @@ class ChainBackend(OrbitBackend[ChainVectors]):
     @functools.cached_property
     def laws(self) -> dict[str, int]:
         """Of each wall that is left, how many harmonics its law has, where flights follow laws."""
-        if not follows_laws(self.problem):
+        if not self.by_laws:
             return {}
         kernels, start = self.problem.kernels, [0.0] * self.problem.m
         given = *start, *self.problem.model.values.values()
@@ -85,10 +132,14 @@ class ChainBackend(OrbitBackend[ChainVectors]):
         def zeros(count: int) -> Vector:
             return vector([0.0] * count)
 
+        common = self.common(made_by, m, many)
+        common["counts"][GAPS] = int(self.follows(compiled=made_by is ARRAYS))
+        common["watched"] = vector(self.watched)
         return ChainVectors(
-            **self.common(made_by, m, many),
+            **common,
             measured=vector([measured[i] for i in range(self.walls)]),
             weights=vector([float(c) for row in self.coordinates for c in row]),
+            jumps=vector(self.jumps),
             ends=zeros(max(2 * m, size)),
             law=zeros((d + 1) * size),
             reduced=zeros(2 * m * m + 2 * m + 2),
@@ -143,17 +194,14 @@ class ChainBackend(OrbitBackend[ChainVectors]):
         def observe(
             orbit: ChainVectors, z: Vector, tangent: Vector, sign: float, row: Vector, at: int
         ) -> None:
-            before = orbit.clock[UNRESOLVED]
             observe_chain(follow, orbit, z, tangent, sign, row, at)
-            if orbit.clock[UNRESOLVED] != before:
-                self.resolve(z, row, at)
 
         return evaluate, chain_step, tangent_of_chain, observe
 
     def advance(self, position: Position, most: int) -> Batch:
         """Take steps until one is proposed or refused, but `most` of them, or fewer: sizes may
         outgrow those that a walk began with."""
-        return super().advance(position, most if self.laws else min(most, AT_A_TIME))
+        return super().advance(position, most if self.by_laws else min(most, AT_A_TIME))
 
     def resolve(self, z: Vector, row: Vector, at: int) -> None:
         """Fill in gaps and verdict of flights that steps do not follow."""
@@ -165,18 +213,20 @@ class ChainBackend(OrbitBackend[ChainVectors]):
 
     @functools.cached_property
     def variant(self) -> str | None:
-        return None if self.obstacle else "chain"
+        if self.obstacle:
+            return None
+        return "path" if self.problem.kernels.has_paths else "chain"
 
     @functools.cached_property
     def obstacle(self) -> str:
         kernels, guards = self.problem.kernels, self.problem.model.WALLS
-        if (
+        if kernels.has_paths or (
             all(kernels.linear(guard.name) for guard in guards)
             and len(set(self.laws.values())) == 1
         ):
             return ""
-        if not follows_laws(self.problem):
-            return "several coordinates that do not move linearly"
+        if not self.by_laws:
+            return "several coordinates of whose modes one has a closed form, and is not linear"
         return "modes of several coordinates that move by laws of different kinds"
 
     def written(self) -> Program:
@@ -186,7 +236,7 @@ class ChainBackend(OrbitBackend[ChainVectors]):
 
     def block(self, rows: Array) -> Block:
         m = self.problem.m
-        if self.looks:
+        if self.gaps:
             self._look_at(rows)
         unknowns, tangents, signs, places, tries, seen = columns(rows, self.problem.n + 1)
         pencils = seen[:, 1 + FINDINGS : 1 + FINDINGS + 2 * m * m].reshape(-1, 2, m, m)
@@ -203,17 +253,15 @@ class ChainBackend(OrbitBackend[ChainVectors]):
         return Block(*points, places, tries, about, made, measured=measured)
 
     def _look_at(self, rows: Array) -> None:
-        """Fill in gaps and verdicts of points; those beyond the range have no period."""
+        """Fill in gaps and verdicts where they are not told; points beyond the range have no
+        period."""
         n = self.problem.n + 1
         at = 2 * n + HEAD
         for row in rows:
-            if row[at + self.described - 2] != 0.0:
+            if math.isnan(row[at + 1]) and row[at + self.described - 2] != 0.0:
                 self.resolve(row[:n], row, at)
 
 
 def follows_laws(problem: OrbitProblem) -> bool:
-    """Whether all flights of a word are linear, and nothing but their gaps tells which end
-    beyond a guard."""
-    kernels, walls = problem.kernels, problem.word.walls
-    linear = all(kernels.linear(a) for a in dict.fromkeys(walls))
-    return linear and kernels.passages.anchored and not kernels.may_leave_at_once(walls)
+    """Whether all flights of a word are linear."""
+    return all(map(problem.kernels.linear, dict.fromkeys(problem.word.walls)))

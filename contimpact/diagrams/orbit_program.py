@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import ast
 import math
+from collections.abc import Callable
+from typing import Any
 
 from ..arrays import Vector
+from ..models.guards import following_letters
 from ..orbits.block_cyclic import notice_growth, store, store_compiled
 from ..orbits.cyclic_chain import (
     ChainVectors,
     chain_step,
     evaluate_chain,
+    follow_field,
     follow_law,
     observe_chain,
     tangent_of_chain,
@@ -18,10 +22,11 @@ from ..orbits.cyclic_chain import (
 from ..segments.arithmetic import Kernel, kernel_of
 from ..segments.flight import add_excursions
 from ..segments.kernels import Kernels
+from ..segments.layout import Family
 from ..segments.linear_flow import LONGEST, MEANS, SLOPES, balance, flow, halve_time
 from ..segments.machine_code import Program, choice
 from ..segments.oscillation import FollowedFlight, row_of, row_of_compiled
-from ..segments.taylor import EXCURSION, flight_kernel, path_kernel
+from ..segments.taylor import EXCURSION, flight_kernel, path_kernel, start_kernel
 from ..syntax import parse
 from .orbit_functions import (
     OrbitVectors,
@@ -195,7 +200,7 @@ def space_for(kernels: Kernels) -> int:
     """Return how many numbers of scratch space the flights of a model take; 0 for none."""
     if kernels.has_paths:
         walls = kernels.model.letters
-        flights = [flight_kernel(kernels.flight(a, b)) for a in walls for b in walls]
+        flights = [flight_kernel(kernels.flight(a, b)) for a, b in pairs_of(kernels)]
         paths = [path_kernel(kernels.field(a)) for a in walls]
         return max(found.space for found in (*flights, *paths)) + EXCURSION
     values = kernels.model.values.values()
@@ -272,10 +277,12 @@ def program_of(kernels: Kernels, variant: str) -> Program:
 
 OF_CHAIN = """
 def evaluate(orbit, z):
-    return evaluate_chain(any_flight, any_setup, orbit, z)
+    size = evaluate_chain(any_flight, any_setup, orbit, z)
+    {notice}
+    return size
 
 def follow(orbit, wall, z, at, length):
-    return follow_law(any_law, orbit, wall, z, at, length)
+    return {follow}
 
 def observe(orbit, z, tangent, orientation, row, at):
     return observe_chain(follow, orbit, z, tangent, orientation, row, at)
@@ -283,20 +290,51 @@ def observe(orbit, z, tangent, orientation, row, at):
 
 
 def chain_program_of(kernels: Kernels) -> Program:
-    """Return the program that takes steps along a branch of any word of a linear machine."""
+    """Return the program that takes steps along a branch of any word of a machine whose flights
+    are linear, or all integrated."""
     program = Program({store: store_compiled, row_of: row_of_compiled, flow: flow_compiled})
     count, m = len(kernels.model.values), kernels.model.unknowns_per_impact
     p = ", ".join(f"p[{i}]" for i in range(count))
     walls = kernels.model.letters
-    flights = {
-        f"flight_{a}_{b}": add_scratch_space(kernels.flight(a, b)) for a in walls for b in walls
-    }
+    flights = {f"flight_{a}_{b}": _integrating(kernels.flight(a, b)) for a, b in pairs_of(kernels)}
+    some = next(iter(flights))
+    every = [f"flight_{a}_{b}" for a in walls for b in walls]  # some never follow each other
+    named = [name if name in flights else some for name in every]
     ends = ", ".join(f"s[{i}]" for i in range(2 * m))
     given = f"{ends}, {p}, p[{count}:]"
-    program.glue(choice("any_flight", "kind, s, p", "kind", list(flights), given), **flights)
-    laws = {f"law_{a}": kernels.law(a) for a in walls}
+    program.glue(choice("any_flight", "kind, s, p", "kind", named, given), **flights)
     start = ", ".join(f"s[{i}]" for i in range(m))
-    program.glue(choice("any_law", "wall, s, p", "wall", list(laws), f"{start}, {p}"), **laws)
+    about = {"notice": "pass", "follow": "follow_law(any_law, orbit, wall, z, at, length)"}
+    called: list[Callable[..., Any]]
+    called = [chain_step, tangent_of_chain, evaluate_chain, observe_chain]
+    if kernels.has_paths:
+        called += [notice_growth, follow_field]
+        about["notice"] = f"notice_growth(orbit.blocks, len(orbit.kinds), {m}, orbit.clock)"
+        about["follow"] = "follow_field(any_start, any_path, orbit, wall, z, at, length)"
+        freedom = kernels.model.DEGREES_OF_FREEDOM
+        starts = {f"start_{a}": start_kernel(kernels.field(a), freedom) for a in walls}
+        paths = {f"path_{a}": path_kernel(kernels.field(a)).function for a in walls}
+        more = "length, weights, count, way"
+        given = f"{start}, {p}, length, p[{count}:], weights, count, way"
+        program.glue(choice("any_path", f"wall, s, p, {more}", "wall", list(paths), given), **paths)
+        given = f"{start}, {p}"
+        program.glue(choice("any_start", "wall, s, p", "wall", list(starts), given), **starts)
+    else:
+        called.append(follow_law)
+        laws = {f"law_{a}": kernels.law(a) for a in walls}
+        program.glue(choice("any_law", "wall, s, p", "wall", list(laws), f"{start}, {p}"), **laws)
     program.constant("FollowedFlight", FollowedFlight)
-    called = chain_step, tangent_of_chain, evaluate_chain, observe_chain, follow_law
-    return glue_steps(program, kernels, ChainVectors, OF_CHAIN, *called)
+    return glue_steps(program, kernels, ChainVectors, OF_CHAIN.format(**about), *called)
+
+
+def pairs_of(kernels: Kernels) -> list[tuple[str, str]]:
+    """Return the guards that can follow each other."""
+    guards = kernels.model.WALLS
+    return [(a.name, b) for a in guards for b in following_letters(guards, a.name)]
+
+
+def _integrating(kernel: Kernel) -> Kernel:
+    """A kernel as it is compiled, with scratch space."""
+    if kernel.family is Family.INTEGRATED:
+        return flight_kernel(kernel).function
+    return add_scratch_space(kernel)

@@ -21,7 +21,14 @@ from typing import NamedTuple
 
 from ..arrays import Table, Vector
 from ..segments.layout import Blocks, Setup
-from ..segments.oscillation import MOST, FollowedFlight, excursions, follow_all, motion_of_gap
+from ..segments.oscillation import (
+    MOST,
+    FollowedFlight,
+    excursions,
+    follow_all,
+    motion_of_gap,
+    speed_at_end,
+)
 from .block_cyclic import POSITIONS, UNRESOLVED, arrival_rate, store
 from .multipliers import scale_determinant
 from .physicality import verdict
@@ -344,6 +351,16 @@ FINDINGS = 6
 """Numbers that `verdict` returns."""
 
 
+WATCHED, AT_START, BY_RATE, AT_END = 1, 2, 4, 8
+"""Bits in `watched`, by the wall left: whether a wall is met on the flight, whether the flight may
+begin beyond it, and whether the rate tells, on its surface. By the wall reached: whether the flight
+may end beyond it."""
+
+CLEARLY = 1e-9
+"""Part of a position or a rate within which it is left to `segments.touches` on which side of a
+wall a flight begins or ends."""
+
+
 class ChainVectors(NamedTuple):
     """The orbits of a branch as vectors and tables; see `diagrams.orbit_functions.OrbitVectors`."""
 
@@ -359,6 +376,8 @@ class ChainVectors(NamedTuple):
     leaving: Vector
     weights: Vector
     """Weights of the coordinates in each gap coordinate."""
+    jumps: Vector
+    """Of each wall, whether a flight begins elsewhere than on the wall it leaves."""
     ends: Vector
     law: Vector
     reduced: Vector
@@ -454,7 +473,8 @@ def observe_chain(
     """Record what describes a point, and what test functions go by, in a row.
 
     The largest residual, what `verdict` says, the pencil P and Q, the orbit's period, the
-    determinant of a PD; the gaps of all flights, their slowest turns, derived parameters.
+    determinant of a PD; the gaps of all flights, their slowest turns, derived parameters. What
+    `verdict` says is NaN where gaps are not followed, or flights may begin or end beyond a wall.
     """
     counts, clock = orbit.counts, orbit.clock
     count, m, walls = len(orbit.kinds), counts[UNKNOWNS], counts[WALLS]
@@ -479,14 +499,14 @@ def observe_chain(
         sign, logarithm = orbit.reduced[place], orbit.reduced[place + 1]
         row[at + 1] = scale_determinant(sign, logarithm, det, norms)
     at += 2
-    measure_chain(follow, orbit, z, row, at)
+    told = measure_chain(follow, orbit, z, row, at)
     for i in range(counts[DERIVED]):
         row[at + (walls + 1) * count + i] = orbit.fixed[0][POSITIONS + walls + i]
     what, place, wall, amount, when, smallest = verdict(
         orbit.word, orbit.sides, orbit.durations, orbit.gaps, orbit.times, orbit.velocities
     )
     at -= 2 + 2 * m * m + FINDINGS
-    row[at] = what if counts[GAPS] != 0 else math.nan
+    row[at] = what if told else math.nan
     row[at + 1], row[at + 2], row[at + 3] = place, wall, amount
     row[at + 4], row[at + 5] = when, smallest
 
@@ -497,10 +517,12 @@ def measure_chain(
     z: Vector,
     row: Vector,
     at: int,
-) -> None:
-    """Record gaps and slowest turns, and fill in what decides if the orbit is physical."""
+) -> bool:
+    """Record gaps and slowest turns, and fill in what decides if the orbit is physical; whether it
+    does."""
     counts = orbit.counts
     count, m, walls = len(orbit.kinds), counts[UNKNOWNS], counts[WALLS]
+    told = counts[GAPS] != 0
     for k in range(count):
         later = m * (k + 1) if k + 1 < count else 0
         length = z[later] - z[m * k] if later > 0 else z[0] + orbit.clock[0] - z[m * k]
@@ -512,14 +534,45 @@ def measure_chain(
             made = follow(orbit, orbit.word[k], z, m * k, length)
             if made < 0:
                 orbit.clock[UNRESOLVED] += 1.0
+                told = False
             else:
                 for g in range(counts[COORDINATES]):
                     slow = touches_of(orbit, k, g, made, z[m * k], length, z[later + 1])
+                    told = told and within_walls(orbit, k, g, made, length)
                     if not abs(slow) >= abs(slowest):
                         slowest = slow
         for j in range(walls):
             row[at + walls * k + j] = orbit.gaps[walls * k + j]
         row[at + walls * count + k] = slowest
+    return told
+
+
+def within_walls(orbit: ChainVectors, k: int, g: int, made: int, length: float) -> bool:
+    """Whether a flight clearly begins and ends within all walls of a gap coordinate beyond which it
+    may."""
+    counts, following = orbit.counts, k + 1 if k + 1 < len(orbit.kinds) else 0
+    walls, coordinates = counts[WALLS], counts[COORDINATES]
+    left, reached, head = orbit.word[k], orbit.word[following], (g, coordinates, made)
+    begin = orbit.forces[len(orbit.forces) - coordinates + g]
+    _, rate, _ = motion_of_gap(head, 0.0, orbit.steps)
+    moved, speed, _ = motion_of_gap(head, length, orbit.steps)
+    fastest = max(abs(rate), abs(speed))
+    for j in range(walls):
+        if orbit.measured[j] == g:
+            bits, side, position = (
+                orbit.watched[walls * left + j],
+                orbit.sides[j],
+                orbit.fixed[0][POSITIONS + j],
+            )
+            ends = bits & WATCHED != 0 and orbit.watched[walls * reached + j] & AT_END != 0
+            least = CLEARLY * (abs(position) + abs(begin) + abs(moved))
+            if bits & AT_START != 0 and not side * (position - begin) > least:
+                return False
+            if bits & BY_RATE != 0 and not -side * rate > CLEARLY * fastest:
+                return False
+            if ends and not side * (position - begin - moved) > least:
+                return False
+    return True
 
 
 def touches_of(
@@ -535,14 +588,14 @@ def touches_of(
     if orbit.measured[reached] == g:
         side = orbit.sides[reached]
     else:
-        speed = motion_of_gap(head, length, orbit.steps)[1]
+        speed = speed_at_end(motion_of_gap(head, length, orbit.steps), length)
     breaks = orbit.breaks[place : place + int(orbit.found[g])]
     high, when_high, low, when_low, slow = excursions(
         motion_of_gap, head, orbit.steps, length, speed, leaving, side, breaks, 0.0, math.inf
     )
     begin = orbit.forces[len(orbit.forces) - coordinates + g]
     for j in range(walls):
-        if orbit.measured[j] == g and orbit.watched[walls * left + j] != 0:
+        if orbit.measured[j] == g and orbit.watched[walls * left + j] & WATCHED != 0:
             gap, dt = orbit.fixed[0][POSITIONS + j] - begin, when_high
             if orbit.sides[j] > 0.0:
                 gap -= high
@@ -579,7 +632,8 @@ def follow_law(
         for i in range(freedom):
             place += orbit.weights[freedom * g + i] * orbit.ends[i]
         orbit.forces[begins + g] = place
-    orbit.forces[begins + orbit.measured[wall]] = orbit.fixed[0][POSITIONS + wall]
+    if orbit.jumps[wall] == 0:
+        orbit.forces[begins + orbit.measured[wall]] = orbit.fixed[0][POSITIONS + wall]
     flown = FollowedFlight(
         orbit.own,
         orbit.steps,
@@ -593,3 +647,39 @@ def follow_law(
     return follow_all(
         freedom, int(waves), orbit.law, orbit.ends, orbit.weights, coordinates, length, flown
     )
+
+
+def follow_field(
+    start: Callable[[int, Vector, Vector], Vector],
+    path: Callable[[int, Vector, Vector, float, Vector, int, FollowedFlight], int],
+    orbit: ChainVectors,
+    wall: int,
+    z: Vector,
+    at: int,
+    length: float,
+) -> int:
+    """As `follow_law`, for a flight that is integrated: by ``path``, from the positions that
+    ``start`` returns; see `segments.taylor`."""
+    m, coordinates = orbit.counts[UNKNOWNS], orbit.counts[COORDINATES]
+    for i in range(m):
+        orbit.ends[i] = z[at + i]
+    positions = start(wall, orbit.ends, orbit.values)
+    freedom, begins = len(positions), len(orbit.forces) - coordinates
+    for g in range(coordinates):
+        place = 0.0
+        for i in range(freedom):
+            place += orbit.weights[freedom * g + i] * positions[i]
+        orbit.forces[begins + g] = place
+    if orbit.jumps[wall] == 0:
+        orbit.forces[begins + orbit.measured[wall]] = orbit.fixed[0][POSITIONS + wall]
+    flown = FollowedFlight(
+        orbit.own,
+        orbit.steps,
+        orbit.breaks,
+        orbit.found,
+        orbit.signs,
+        orbit.zeros,
+        orbit.moving,
+        orbit.forces,
+    )
+    return path(wall, orbit.ends, orbit.values, length, orbit.weights, coordinates, flown)

@@ -107,6 +107,23 @@ def excursions(
     return high, when_high, low, when_low, slowest
 
 
+TURNED = 1e-9
+"""A velocity at a flight's end below this part of its change is zero: orbits solve their equations
+to 1e-12."""
+
+SMALLEST = 1e-300
+"""A depth of which is only known that there is one."""
+
+
+def speed_at_end(end: Moved, length: float) -> float:
+    """Return the velocity of a coordinate at the end of a flight, from what it is there. Where a
+    residual alone is left of it, the flight ends because the coordinate turns, and has turned: a
+    touch there is the flight's."""
+    speed, acceleration = end[1], end[2]
+    turned = abs(speed) <= TURNED * abs(acceleration * length)
+    return math.copysign(SMALLEST, acceleration) if turned else speed
+
+
 def velocity_zero(
     motion: Motion,
     head: Vector,

@@ -206,6 +206,18 @@ def path_kernel(kernel: Kernel) -> BySeries:
     return _kernel_with(kernel, function, more, {"path": found.function}, found.space)
 
 
+def start_kernel(kernel: Kernel, freedom: int) -> Kernel:
+    """Return the kernel ``field`` of a wall as one of the positions from which its flight starts,
+    as many as there are coordinates: those that the mode does not have are at zero."""
+    function = _function_of(kernel)
+    result, (field, numbers) = _result_of(function)
+    assert isinstance(numbers, ast.Tuple)
+    own = statement(ast.literal_eval(field)).freedom
+    rest = [ast.Constant(0.0) for _ in range(freedom - own)]
+    result.value = ast.Tuple([*numbers.elts[1 : 1 + own], *rest], ast.Load())
+    return _kernel_with(kernel, function, [], {}, 0).function
+
+
 def field_of(kernel: Kernel) -> str:
     """Return the text of the field that a kernel ``field`` returns."""
     _, (field, _) = _result_of(_function_of(kernel))

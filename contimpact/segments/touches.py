@@ -21,7 +21,7 @@ from .arithmetic import Kernel
 from .flight import FlightGaps, Touch, breaks_of, flight_gaps, smallest_gap, touch_of
 from .integration import track_between
 from .kernels import Kernels
-from .oscillation import Motion, excursions
+from .oscillation import SMALLEST, Motion, excursions, speed_at_end
 from .segment import ELSEWHERE
 from .track import track_of
 
@@ -139,13 +139,6 @@ acceleration there, as parts of the largest at the ends of flights."""
 BRIEF = 1e-9
 """A flight shorter than this part of the orbit's period may begin either way: it vanishes."""
 
-TURNED = 1e-9
-"""A velocity at a flight's end below this part of its change is zero: orbits solve their equations
-to 1e-12."""
-
-SMALLEST = 1e-300
-"""A depth of which is only known that there is one."""
-
 
 def interior_touches(
     kernels: Kernels, walls: str, values: Sequence[float], impacts: Array, span: float
@@ -257,7 +250,7 @@ def _touches(
     for (motion, breaks), numbers in zip(motions, coordinates(kernels.model).values(), strict=True):
         leaving = passages.leaving[left] if left in numbers else 0.0
         here = reached in numbers
-        speed = arriving if here else _speed_at(motion, length)
+        speed = arriving if here else speed_at_end(motion((), length, ()), length)
         sides = leaving, float(guards[reached].side) if here else 0.0
         found = excursions(motion, (), (), length, speed, *sides, breaks, 0.0, math.inf)
         for i in numbers:
@@ -266,14 +259,6 @@ def _touches(
         if not abs(found[4]) >= abs(slowest):
             slowest = found[4]
     return touches, slowest
-
-
-def _speed_at(motion: Motion, length: float) -> float:
-    """The velocity of a coordinate at a flight's end. Where a residual alone is left of it, the
-    flight ends because the coordinate turns, and has turned: a touch there is the flight's."""
-    _, speed, acceleration = motion((), length, ())
-    turned = abs(speed) <= TURNED * abs(acceleration * length)
-    return math.copysign(SMALLEST, acceleration) if turned else speed
 
 
 def violated_guards(

@@ -25,6 +25,9 @@ from contimpact.results.scene import load_scene
 integrated = pytest.mark.skipif(
     importlib.util.find_spec("heyoka") is None, reason="needs contimpact[ode]"
 )
+needs_llvmlite = pytest.mark.skipif(
+    importlib.util.find_spec("llvmlite") is None, reason="the extra 'fast' is not installed"
+)
 SHIPPED = Path(__file__).parents[2] / "branches"
 
 
@@ -65,6 +68,7 @@ def with_own_rates(here):
 
 
 @integrated
+@pytest.mark.full
 @pytest.mark.parametrize("kind", ORBITS)
 def test_points_against_dense_matrices(kind):
     orbit = ORBITS[kind]()
@@ -115,7 +119,9 @@ def test_the_circle_on_both_sides(al, ga):
 @integrated
 @pytest.mark.full
 @pytest.mark.parametrize("kind", ORBITS)
-def test_walks_against_dense_matrices(kind):
+@pytest.mark.parametrize("compiled", ["never", pytest.param("always", marks=needs_llvmlite)])
+def test_walks_against_dense_matrices(kind, compiled, monkeypatch):
+    monkeypatch.setenv("CONTIMPACT_COMPILED", compiled)
     orbit = ORBITS[kind]()
     problem, value = orbit.problem, float(orbit.unknowns[-1])
     limits = 0.97 * value, 1.03 * value
