@@ -255,11 +255,15 @@ class ChainBackend(OrbitBackend[ChainVectors]):
     def _look_at(self, rows: Array) -> None:
         """Fill in gaps and verdicts where they are not told; points beyond the range have no
         period."""
-        n = self.problem.n + 1
+        n, kernels = self.problem.n + 1, self.problem.kernels
         at = 2 * n + HEAD
-        for row in rows:
-            if math.isnan(row[at + 1]) and row[at + self.described - 2] != 0.0:
-                self.resolve(row[:n], row, at)
+        kernels.whole = not kernels.long  # which the steps have noticed
+        try:
+            for row in rows:
+                if math.isnan(row[at + 1]) and row[at + self.described - 2] != 0.0:
+                    self.resolve(row[:n], row, at)
+        finally:
+            kernels.whole = False
 
 
 def follows_laws(problem: OrbitProblem) -> bool:

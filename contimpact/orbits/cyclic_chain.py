@@ -29,7 +29,7 @@ from ..segments.oscillation import (
     motion_of_gap,
     speed_at_end,
 )
-from .block_cyclic import POSITIONS, UNRESOLVED, arrival_rate, store
+from .block_cyclic import POSITIONS, arrival_rate, store
 from .multipliers import scale_determinant
 from .physicality import verdict
 
@@ -474,7 +474,7 @@ def observe_chain(
 
     The largest residual, what `verdict` says, the pencil P and Q, the orbit's period, the
     determinant of a PD; the gaps of all flights, their slowest turns, derived parameters. What
-    `verdict` says is NaN where gaps are not followed, or flights may begin or end beyond a wall.
+    `verdict` says is NaN where flights are not followed, or may begin or end beyond a wall.
     """
     counts, clock = orbit.counts, orbit.clock
     count, m, walls = len(orbit.kinds), counts[UNKNOWNS], counts[WALLS]
@@ -533,7 +533,6 @@ def measure_chain(
         if counts[GAPS] != 0 and length > 0.0:
             made = follow(orbit, orbit.word[k], z, m * k, length)
             if made < 0:
-                orbit.clock[UNRESOLVED] += 1.0
                 told = False
             else:
                 for g in range(counts[COORDINATES]):

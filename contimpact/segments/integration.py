@@ -483,6 +483,8 @@ def batch_integrator(field: str, directions: tuple[str, ...] = ()) -> BatchInteg
 class Fields(Protocol):
     """What tracks ask of the kernels of a model; see `kernels.Kernels`."""
 
+    whole: bool
+
     def field(self, a: str) -> Any:
         """Return the kernel of the field that flights from wall a are integrated in."""
         ...
@@ -581,7 +583,9 @@ def track_between(
     A long one is held by both of its ends: from where it leaves alone, it would go astray.
     """
     segment: Any = kernels.segment(*ends)
-    found: IntegratedTrack | None = segment.long_track(leave, arrive, values)
+    found: IntegratedTrack | None = None
+    if not kernels.whole:
+        found = segment.long_track(leave, arrive, values)
     return found or integrated_track(kernels, ends[0], leave, values, length)
 
 

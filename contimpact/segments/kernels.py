@@ -105,9 +105,12 @@ class Kernels:
         Names of the kernels read from the cache and of those that had to be generated.
     long : bool
         Whether one of the `flights` has grown too much to be computed as a whole.
+    whole : bool
+        Whether those of the orbits under way are known not to.
     """
 
     long = False
+    whole = False
 
     def __init__(self, model: Model, parameter: str, *others: str) -> None:
         self.model, self.parameter = model, parameter
