@@ -42,10 +42,8 @@ if TYPE_CHECKING:
 
 MODES = ("auto", "always", "never")
 PAYS_AFTER = 1.0
-"""Seconds of processor time that plain Python has taken for what a program does after which
-compiling it pays: it takes about as long."""
-PAYS_AGAIN = 0.3
-"""The same of earlier processes: what has come again is likely to come more often."""
+"""Seconds of processor time that plain Python has taken for what a program does, in this process
+and earlier ones, after which compiling it pays: it takes about as long."""
 WORTH_KEEPING = 0.02
 """Seconds of one process from which on they are kept for later ones."""
 
@@ -188,7 +186,7 @@ def expect_plain_time(seconds: float) -> None:
 
 
 def _recall_plain_time(identity: tuple[str, ...], folder: Path) -> None:
-    """Count what earlier processes have taken for what a program does; enough, if it pays."""
+    """Count what earlier processes have taken for what a program does."""
     if identity in _KEPT:
         return
     digest = hashlib.sha256("\0".join((*identity, *_machine())).encode()).hexdigest()
@@ -197,7 +195,7 @@ def _recall_plain_time(identity: tuple[str, ...], folder: Path) -> None:
         found = float(load_file(path))
         seconds = found if 0.0 < found < math.inf else 0.0
     _KEPT[identity] = path, seconds
-    _SPENT[identity] += PAYS_AFTER if seconds >= PAYS_AGAIN else seconds
+    _SPENT[identity] += seconds
 
 
 @atexit.register

@@ -466,7 +466,7 @@ def run_plainly(monkeypatch, seconds):
 @needs_llvmlite
 def test_what_is_run_again_and_again_is_compiled(empty_cache, monkeypatch):
     monkeypatch.setenv("CONTIMPACT_COMPILED", "auto")
-    part = 0.6 * module.PAYS_AGAIN
+    part = 0.6 * module.PAYS_AFTER
     assert run_plainly(monkeypatch, [part, part, part]) == [False, False, True]
     (kept,) = module.cache_folder().glob("plain-*")
     kept.unlink()  # machine code is found first
@@ -508,7 +508,7 @@ def test_what_could_not_be_compiled_is_not_tried_in_every_process(empty_cache, m
         raise RuntimeError
 
     monkeypatch.setattr("contimpact.segments.machine_code.object_code", fail)
-    assert run_plainly(monkeypatch, [module.PAYS_AGAIN] * 3) == [False] * 3
+    assert run_plainly(monkeypatch, [module.PAYS_AFTER] * 3) == [False] * 3
     assert len(tried) == 1
 
 
