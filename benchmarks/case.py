@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from contimpact import ImpactPair, Settings
-from contimpact.bifurcations.registry import test_functions
+from contimpact.bifurcations.kind import test_functions
 from contimpact.continuation.branch import Walk
 from contimpact.diagrams.orbit_walks import walk_orbits
 from contimpact.models.word import Word

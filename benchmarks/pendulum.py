@@ -30,7 +30,7 @@ from report import machine_text
 from table import both, each, grid, number, over, whole
 
 from contimpact import Formulas, Oscillator, Settings, find_orbits
-from contimpact.bifurcations.registry import test_functions
+from contimpact.bifurcations.kind import test_functions
 from contimpact.continuation.branch import Walk
 from contimpact.diagrams.orbit_walks import walk_orbits
 from contimpact.models.nonlinear import Nonlinear

@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     from .continuation.settings import Settings as Settings
     from .diagrams.codim2_curves import follow_codim2 as follow_codim2
     from .diagrams.crises import find_crises as find_crises
+    from .diagrams.crisis_curves import find_crisis_margin as find_crisis_margin
     from .diagrams.crisis_curves import follow_crisis as follow_crisis
     from .diagrams.crisis_location import locate_crisis as locate_crisis
     from .diagrams.crisis_location import locate_tangencies as locate_tangencies
-    from .diagrams.crisis_margins import find_crisis_margin as find_crisis_margin
     from .diagrams.curves import follow_curve as follow_curve
     from .diagrams.curves import follow_isoline as follow_isoline
     from .diagrams.curves import sensitivity as sensitivity

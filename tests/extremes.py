@@ -25,7 +25,7 @@ from contimpact.accuracy.reference import (
     voltages,
 )
 from contimpact.bifurcations.grazing import touches_at
-from contimpact.bifurcations.registry import switch, test_functions
+from contimpact.bifurcations.kind import switch, test_functions
 from contimpact.continuation.corrector import correct
 from contimpact.diagrams.orbit_branch import walk_both_ways
 from contimpact.models.word import Word

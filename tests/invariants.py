@@ -10,8 +10,7 @@ from collections import Counter
 
 import numpy as np
 
-from contimpact.bifurcations.kind import Change
-from contimpact.bifurcations.registry import kind_of
+from contimpact.bifurcations.kind import Change, kind_of
 from contimpact.bifurcations.status import places_with_status
 from contimpact.continuation.branch import Points
 from contimpact.continuation.ends import EndKind

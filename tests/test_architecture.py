@@ -175,7 +175,6 @@ def test_every_package_is_known():
         "progress",
         "schema",
         "syntax",
-        "telling",
     } == {*PACKAGES}
 
 
@@ -297,7 +296,7 @@ def test_only_the_command_line_prints(module):
         if (isinstance(node, ast.Name) and node.id == "print")
         or (isinstance(node, ast.Attribute) and node.attr in ("stdout", "stderr"))
     ]
-    assert printing == [] or inside(module, "contimpact.cli") or module == "contimpact.telling"
+    assert printing == [] or inside(module, "contimpact.cli") or module == "contimpact.progress"
 
 
 @law(FILES)

@@ -48,7 +48,7 @@ def test_broken_tables_are_refused(orbit):
 
 
 def test_broken_walks_are_refused(orbit):
-    from contimpact.bifurcations.registry import test_functions as make_tests
+    from contimpact.bifurcations.kind import test_functions as make_tests
 
     tests = make_tests(orbit.problem, ["PD", "G"], {})
     walk = walk_orbits(orbit.problem, orbit.unknowns, 1, limits=LIMITS, tests=tests)

@@ -8,7 +8,7 @@ import pytest
 from zoo import scene_table
 
 import contimpact as ci
-from contimpact import telling
+from contimpact import progress
 from contimpact.results.options import Settling
 
 SCENE = scene_table(name="pair", follow={"range": [0.3, 0.4]}, detect={"events": ["PD", "G"]})
@@ -59,7 +59,7 @@ def test_a_function_is_told_and_nothing_is_printed(name, pair, branch, capsys):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_true_is_told_on_standard_error(name, pair, branch, capsys, monkeypatch):
-    monkeypatch.setattr(telling, "PAUSE", 1e-4)
+    monkeypatch.setattr(progress, "PAUSE", 1e-4)
     calls(pair, branch)[name](True)
     out, err = capsys.readouterr()
     assert out == ""

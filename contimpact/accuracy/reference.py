@@ -15,7 +15,7 @@ import mpmath
 import numpy as np
 
 from ..bifurcations.equations import Equations
-from ..bifurcations.registry import kind_of
+from ..bifurcations.kind import kind_of
 from ..models.guards import way_back
 from ..models.word import Word
 from ..orbits.problem import Array, OrbitProblem

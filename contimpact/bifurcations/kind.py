@@ -9,8 +9,10 @@ when its orbit is judged.
 from __future__ import annotations
 
 import enum
+import functools
+import importlib
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,6 +27,7 @@ from ..orbits.physicality import Verdict
 from ..orbits.problem import Linearisation, OrbitProblem, rounding
 from ..orbits.search import first_lap, reduce_period
 from .codimension_two import CurvePoint
+from .declarations import FILES, unknown_kind
 from .equations import Equations as Equations
 from .equations import System as System
 from .extended_system import (
@@ -303,3 +306,64 @@ class Kind(ABC):
     def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
         """Return test functions of a curve's points for the points of codimension two on it."""
         return []
+
+
+# Kinds by their names: the package's, and those of a user's own.
+
+
+class UnknownKind(Kind):
+    """An event of which only the name is known: that of a user's function."""
+
+    tilde = False
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def test(self, problem: OrbitProblem, values: Values) -> TestFunction[Linearisation]:
+        raise unknown_kind(self.name, "events")
+
+
+def kind_of(name: str) -> Kind:
+    """Return a kind by its name.
+
+    A kind that is not declared is found by its class, once that is imported; one defined anew, as
+    in a notebook, takes the place of the earlier one.
+    """
+    if name in FILES:
+        return _load_kind(name)
+    own = [kind for kind in _subclasses(Kind) if getattr(kind, "name", None) == name]
+    return own[-1]() if own else UnknownKind(name)
+
+
+@functools.cache
+def _load_kind(name: str) -> Kind:
+    kind: Kind = getattr(importlib.import_module(f".{FILES[name]}", __package__), name)()
+    return kind
+
+
+def _subclasses(kind: type) -> Iterator[type[Kind]]:
+    """All subclasses, in the order of their definition."""
+    subclasses: Sequence[type[Kind]] = kind.__subclasses__()
+    for one in subclasses:
+        yield one
+        yield from _subclasses(one)
+
+
+def test_functions(
+    problem: OrbitProblem, kinds: Sequence[str], values: Values
+) -> list[TestFunction[Linearisation]]:
+    """Return the test functions of the kinds asked for; nothing else is evaluated.
+
+    Raises InputError for a kind that does not exist, or a requested value of what does not vary.
+    """
+    return [kind_of(kind).test(problem, values) for kind in dict.fromkeys(kinds)]
+
+
+test_functions.__test__ = False  # type: ignore[attr-defined]
+
+
+def switch(event: OrbitEvent) -> Start | None:
+    """Return the start of the branch born at an event of a kind in `SWITCHES`; None where nothing
+    can start: a dropped impact was the only one, or the tangent is not defined (a degenerate
+    event)."""
+    return kind_of(event.kind).born(event)

@@ -30,8 +30,7 @@ from ..orbits.physicality import PHYSICAL
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from .declarations import KINDS
 from .extended_system import OrbitEvent, OrbitPoint
-from .kind import Change
-from .registry import kind_of
+from .kind import Change, kind_of
 
 SEARCHED = (0, 4, 10, 20, 34)
 """Number of bisections after which an arc is searched for events again."""

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from flint import arb, ctx
 
-from ..bifurcations.registry import kind_of
+from ..bifurcations.kind import kind_of
 from ..continuation.ends import EndKind
 from ..models.model import Model
 from ..models.word import Word

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from flint import arb, ctx
 
-from ..bifurcations.registry import kind_of
+from ..bifurcations.kind import kind_of
 from ..bifurcations.zero_velocity import impacts_at_rest as stopped_at
 from ..errors import InputError
 from ..models.word import Word

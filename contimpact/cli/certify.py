@@ -7,12 +7,12 @@ import importlib.util
 from pathlib import Path
 
 from ..errors import InputError
+from ..progress import telling
 from ..results.catalogue import Results, open_results, scene_in
 from ..results.options import CertifyOptions
 from ..results.result_folder import hold_folder
 from ..results.scene import load_scene
 from ..segments.kernels import Kernels
-from ..telling import telling
 from .terminal import complain, say
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, short_repr
 from ..models.model import Model
-from ..progress import Progress
+from ..progress import Progress, telling
 from ..results.branch import model_at
 from ..results.catalogue import open_results, scene_in
 from ..results.diagram import Diagram
@@ -22,7 +22,6 @@ from ..results.ranges import read_fractions
 from ..results.result_folder import hold_folder, kept_still, reading
 from ..results.scene import Scene, systems_of
 from ..storage.files import is_there, write_all
-from ..telling import telling
 from .console import motions_in, require_output
 from .terminal import complain, say
 

@@ -15,7 +15,7 @@ from ..bifurcations.declarations import EVENTS
 from ..diagrams import explore
 from ..diagrams.explore import INTERRUPTED
 from ..errors import InputError, NotWrittenError
-from ..progress import Progress
+from ..progress import Progress, telling
 from ..results.branch import Branch
 from ..results.catalogue import diagram_files
 from ..results.diagram import Diagram
@@ -24,7 +24,6 @@ from ..results.result_folder import Files, hold_folder, renew_folder
 from ..results.scene import Scene, folder_of, load_scene, require_own_folders, systems_of
 from ..segments.compiling import mode
 from ..storage.files import write_all
-from ..telling import telling
 from .console import (
     Interruption,
     add_page,

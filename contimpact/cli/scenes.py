@@ -11,12 +11,11 @@ from typing import Any
 
 from ..errors import InputError, printable
 from ..models.word import name_orbit
-from ..progress import Progress
+from ..progress import Progress, telling
 from ..results.options import FORMATS, CurveOptions
 from ..results.result_folder import hold_folder
 from ..results.scene import Scene, load_scene, systems_of
 from ..storage.files import write_text
-from ..telling import telling
 from .console import Interruption, defer_interruptions
 from .terminal import complain, say
 

@@ -8,12 +8,11 @@ from pathlib import Path
 
 from ..diagrams.scene_simulation import Simulation, simulate, write_simulation
 from ..errors import InputError
-from ..progress import Progress
+from ..progress import Progress, telling
 from ..results.diagram import Diagram
 from ..results.result_folder import ROWS, TABLES, Files, hold_folder, renew_folder
 from ..results.scene import load_scene, systems_of
 from ..segments.compiling import mode
-from ..telling import telling
 from .console import (
     Interruption,
     add_page,

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..models.expressions import number
+from ..progress import telling
 from ..segments.compiling import mode
 from ..storage.files import csv_text, write_text
 from ..studies.executors import Workshop, dask, mpi, processes
@@ -17,7 +18,6 @@ from ..studies.run import Tally, WorkersLostError, duration, run_study
 from ..studies.store import Store
 from ..studies.study import QUANTITIES, Map, Study, studies
 from ..studies.study_file import load_study
-from ..telling import telling
 from .console import require_output
 from .terminal import complain, say
 

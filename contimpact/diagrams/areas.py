@@ -19,7 +19,7 @@ import numpy as np
 from ..arrays import Array
 from ..bifurcations.doubling import PD
 from ..bifurcations.grazing import G
-from ..bifurcations.registry import test_functions
+from ..bifurcations.kind import test_functions
 from ..continuation.ends import EndKind
 from ..models.model import Model
 from ..models.word import Word

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..bifurcations.codimension_two import CurveStart
-from ..bifurcations.registry import kind_of
+from ..bifurcations.kind import kind_of
 from ..continuation.branch import Event, Point, TestFunction
 from ..continuation.corrector import correct, first_tangent
 from ..continuation.ends import End, EndKind

@@ -29,8 +29,7 @@ from ..bifurcations.event_solver import (
     vectors_of,
 )
 from ..bifurcations.extended_system import EPSILON, ExtendedSystem, SystemEvaluation
-from ..bifurcations.kind import Kind, Values
-from ..bifurcations.registry import kind_of
+from ..bifurcations.kind import Kind, Values, kind_of
 from ..bifurcations.scalar_systems import (
     BLOCK,
     SystemVectors,

@@ -19,8 +19,7 @@ from ..arrays import Array
 from ..bifurcations.codimension_two import GrazingCoincides, StopCoincides, double_orbit
 from ..bifurcations.declarations import REQUESTED
 from ..bifurcations.extended_system import EPSILON, ExtendedSystem, SystemEvaluation, solve
-from ..bifurcations.kind import Kind, Values
-from ..bifurcations.registry import kind_of
+from ..bifurcations.kind import Kind, Values, kind_of
 from ..continuation.branch import (
     Event,
     Location,

@@ -19,8 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..arrays import Array
-from ..bifurcations.kind import Start, primitive_start
-from ..bifurcations.registry import kind_of, switch, test_functions
+from ..bifurcations.kind import Start, kind_of, primitive_start, switch, test_functions
 from ..continuation.branch import Event, Point, TestFunction
 from ..continuation.ends import End, EndKind
 from ..continuation.settings import Settings

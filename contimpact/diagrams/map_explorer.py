@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import numpy as np
 
 from ..arrays import Array
-from ..bifurcations.registry import test_functions
+from ..bifurcations.kind import test_functions
 from ..bifurcations.requested import RequestedValues
 from ..continuation.ends import End, EndKind
 from ..continuation.walk import Options, is_interrupted

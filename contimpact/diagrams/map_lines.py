@@ -20,8 +20,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..bifurcations.extended_system import solve
-from ..bifurcations.kind import primitive_start
-from ..bifurcations.registry import kind_of, switch, test_functions
+from ..bifurcations.kind import kind_of, primitive_start, switch, test_functions
 from ..continuation.branch import Event, Points, TestFunction
 from ..continuation.corrector import correct, first_tangent
 from ..continuation.ends import End, EndKind

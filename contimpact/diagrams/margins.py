@@ -25,8 +25,7 @@ import numpy as np
 from ..arrays import Array
 from ..bifurcations.declarations import USUAL
 from ..bifurcations.extended_system import CONVERGED, ExtendedSystem, Solution, surroundings
-from ..bifurcations.kind import Change, Kind
-from ..bifurcations.registry import kind_of
+from ..bifurcations.kind import Change, Kind, kind_of
 from ..continuation.branch import Details, Event, Point
 from ..display import limit_lines
 from ..errors import InputError, explain_arguments, short_repr

@@ -15,8 +15,7 @@ import numpy as np
 from ..arrays import Array
 from ..bifurcations.branch_point import BranchPoint
 from ..bifurcations.declarations import KINDS, SWITCHES, usual_events, wanted_kinds
-from ..bifurcations.kind import Start, primitive_start
-from ..bifurcations.registry import switch, test_functions
+from ..bifurcations.kind import Start, primitive_start, switch, test_functions
 from ..bifurcations.requested import PERIOD
 from ..continuation.branch import Event, Point, Points, TestFunction, UserFunction, Walk, join_walks
 from ..continuation.corrector import correct

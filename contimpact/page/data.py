@@ -12,7 +12,7 @@ import numpy as np
 
 from .. import __version__
 from ..arrays import Array
-from ..bifurcations.registry import kind_of
+from ..bifurcations.kind import kind_of
 from ..models.guards import Guard, orders_of
 from ..models.model import Model
 from ..progress import Progress, ignore_progress, tell_each

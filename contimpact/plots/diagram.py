@@ -24,7 +24,7 @@ from matplotlib.patches import Patch
 from matplotlib.text import Text
 from matplotlib.transforms import ScaledTranslation
 
-from ..bifurcations.registry import kind_of
+from ..bifurcations.kind import kind_of
 from ..errors import InputError, explain_arguments, short_repr
 from ..results.branch import Branch, Entry
 from ..results.diagram import Diagram

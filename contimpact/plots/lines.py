@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..arrays import Array
-from ..bifurcations.registry import kind_of
+from ..bifurcations.kind import kind_of
 from ..errors import printable, shorten
 from ..results.branch import STATUS, Branch, Entry
 from ..results.diagram import Diagram

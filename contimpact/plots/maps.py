@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from ..bifurcations.declarations import KINDS
-from ..bifurcations.registry import kind_of
+from ..bifurcations.kind import kind_of
 from ..studies.study import Map
 from .diagram import Figure, save_figure, write_heading
 from .lines import axis_label, plain_text, set_label

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..bifurcations.registry import kind_of
+from ..bifurcations.kind import kind_of
 from ..errors import InputError, explain_arguments
 from ..models.model import Model
 from ..orbits.fitting import CLOCK, MEASURED, Fit

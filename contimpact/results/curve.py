@@ -12,7 +12,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..bifurcations.declarations import CROSSINGS, REQUESTED
-from ..bifurcations.registry import kind_of
+from ..bifurcations.kind import kind_of
 from ..continuation.ends import End
 from ..display import Summary, limit_lines
 from ..schema import attribute, documented

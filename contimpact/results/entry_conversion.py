@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..bifurcations.registry import kind_of
+from ..bifurcations.kind import kind_of
 from ..continuation.branch import Event, Point
 from ..errors import InputError, short_repr
 from ..models.guards import state_before

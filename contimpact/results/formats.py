@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..bifurcations.registry import kind_of
+from ..bifurcations.kind import kind_of
 from ..errors import InputError, explain_arguments
 from ..schema import fit_value
 from ..storage.files import (

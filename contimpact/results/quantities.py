@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ..arrays import Array
-from ..bifurcations.registry import kind_of
+from ..bifurcations.kind import kind_of
 from ..errors import InputError, short_repr
 from ..models.model import Model
 from ..models.outputs import Output

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from contimpact.accuracy.reference import Reference
-from contimpact.bifurcations.registry import test_functions as make_tests
+from contimpact.bifurcations.kind import test_functions as make_tests
 from contimpact.continuation import problem as linear
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams.orbit_branch import walk_both_ways

@@ -11,7 +11,7 @@ import pytest
 from contimpact import ImpactPair, find_orbits
 from contimpact.bifurcations.event_solver import solver_of
 from contimpact.bifurcations.extended_system import ReachedTest
-from contimpact.bifurcations.registry import test_functions as functions_of
+from contimpact.bifurcations.kind import test_functions as functions_of
 from contimpact.bifurcations.scalar_systems import FLIGHT, TOUCH
 from contimpact.continuation.branch import TestFunction
 from contimpact.diagrams.orbit_branch import continue_born, continue_orbit

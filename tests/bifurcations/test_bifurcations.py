@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from contimpact.bifurcations.registry import kind_of, test_functions
+from contimpact.bifurcations.kind import kind_of, test_functions
 from contimpact.continuation.branch import Event, Point
 from contimpact.continuation.ends import EndKind
 from contimpact.continuation.settings import Settings

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from zoo import TWO_MASSES
 
-from contimpact.bifurcations.kind import Equations
-from contimpact.bifurcations.registry import kind_of
+from contimpact.bifurcations.kind import Equations, kind_of
 from contimpact.bifurcations.torus import null_pair
 from contimpact.models.word import Word
 from contimpact.orbits.quiet import QuietProblem

@@ -21,8 +21,7 @@ from contimpact.bifurcations.declarations import (
     KindDeclaration,
     kinds_in,
 )
-from contimpact.bifurcations.kind import Kind
-from contimpact.bifurcations.registry import kind_of
+from contimpact.bifurcations.kind import Kind, kind_of
 from contimpact.results.diagram import Diagram
 from contimpact.results.entry_conversion import event_of
 

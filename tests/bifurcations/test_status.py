@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import brentq
 
 from contimpact.bifurcations.declarations import EVENTS
-from contimpact.bifurcations.registry import test_functions as make_tests
+from contimpact.bifurcations.kind import test_functions as make_tests
 from contimpact.bifurcations.status import places_with_status
 from contimpact.continuation.branch import Points, TestFunction
 from contimpact.continuation.settings import Settings

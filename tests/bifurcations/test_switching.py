@@ -10,8 +10,8 @@ import pytest
 from zoo import scene
 
 from contimpact.bifurcations.grazing import touches_at
-from contimpact.bifurcations.registry import switch
-from contimpact.bifurcations.registry import test_functions as functions
+from contimpact.bifurcations.kind import switch
+from contimpact.bifurcations.kind import test_functions as functions
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.orbit_branch import continue_born, continue_orbit, walk_both_ways

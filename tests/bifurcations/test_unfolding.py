@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from contimpact.bifurcations.fold import Fold
-from contimpact.bifurcations.registry import test_functions as functions
+from contimpact.bifurcations.kind import test_functions as functions
 from contimpact.continuation.branch import Event, Point
 from contimpact.continuation.ends import EndKind
 from contimpact.continuation.settings import Settings

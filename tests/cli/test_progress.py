@@ -16,11 +16,10 @@ from pathlib import Path
 import pytest
 from zoo import SMALL
 
-from contimpact import load_diagram
-from contimpact import telling as progress
+from contimpact import load_diagram, progress
 from contimpact.cli import folders, main
+from contimpact.progress import Teller, telling
 from contimpact.results.result_folder import MARK
-from contimpact.telling import Teller, telling
 
 SCENE = """
 name = "{name}"

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from contimpact.bifurcations.registry import test_functions as functions_of
+from contimpact.bifurcations.kind import test_functions as functions_of
 from contimpact.continuation.corrector import DenseSystem, next_tangent, orientation
 from contimpact.continuation.settings import Settings
 from contimpact.continuation.step import HEAD

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from zoo import ROOT, scene
 
-from contimpact.bifurcations.registry import kind_of
+from contimpact.bifurcations.kind import kind_of
 from contimpact.diagrams.codim2_curves import follow_codim2
 from contimpact.diagrams.curve_problem import CurveProblem, double_of
 from contimpact.diagrams.curves import follow_curve

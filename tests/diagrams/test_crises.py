@@ -19,7 +19,7 @@ from zoo import TWO_MASSES, scene
 from contimpact.bifurcations.crisis import error_of, solve
 from contimpact.diagrams.connection_paths import entries_of, last_laps, passage_of, sides_of
 from contimpact.diagrams.crises import add_crises, crises_text, find_crises
-from contimpact.diagrams.crisis_curves import follow_crisis
+from contimpact.diagrams.crisis_curves import find_crisis_margin, follow_crisis
 from contimpact.diagrams.crisis_location import (
     PATIENT,
     Crisis,
@@ -30,7 +30,6 @@ from contimpact.diagrams.crisis_location import (
     locate_tangencies,
     passes_and_returns,
 )
-from contimpact.diagrams.crisis_margins import find_crisis_margin
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.errors import InputError

@@ -11,7 +11,7 @@ import pytest
 
 from contimpact.arrays import LISTS
 from contimpact.bifurcations.extended_system import SingularCycle
-from contimpact.bifurcations.registry import kind_of
+from contimpact.bifurcations.kind import kind_of
 from contimpact.bifurcations.scalar_systems import LONGEST, factor
 from contimpact.bifurcations.torus import SingularPair
 from contimpact.continuation.step import DenseBackend

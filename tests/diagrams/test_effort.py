@@ -15,7 +15,7 @@ import pytest
 from invariants import Watch
 
 from contimpact import ImpactPair, Settings
-from contimpact.bifurcations.registry import test_functions as functions_of
+from contimpact.bifurcations.kind import test_functions as functions_of
 from contimpact.diagrams.orbit_walks import walk_orbits
 from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem

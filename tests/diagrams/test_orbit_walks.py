@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from contimpact.bifurcations.registry import test_functions as functions_of
+from contimpact.bifurcations.kind import test_functions as functions_of
 from contimpact.continuation import corrector
 from contimpact.continuation.branch import UserFunction
 from contimpact.continuation.settings import Settings

@@ -15,7 +15,7 @@ import pytest
 from zoo import harmonic_pair, scene_table
 
 from contimpact.bifurcations.declarations import EVENTS
-from contimpact.bifurcations.registry import test_functions as make_tests
+from contimpact.bifurcations.kind import test_functions as make_tests
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.orbit_branch import walk_both_ways

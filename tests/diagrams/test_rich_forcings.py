@@ -9,7 +9,7 @@ from zoo import harmonic_pair
 from contimpact.bifurcations.declarations import EVENTS
 from contimpact.bifurcations.extended_system import TouchingFlight, located
 from contimpact.bifurcations.grazing import Grazing
-from contimpact.bifurcations.registry import test_functions as make_tests
+from contimpact.bifurcations.kind import test_functions as make_tests
 from contimpact.continuation.ends import EndKind
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams.orbit_branch import symmetric_end, walk_both_ways

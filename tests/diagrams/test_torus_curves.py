@@ -11,7 +11,7 @@ import pytest
 from zoo import scene
 
 from contimpact.bifurcations.codimension_two import Resonance
-from contimpact.bifurcations.registry import kind_of
+from contimpact.bifurcations.kind import kind_of
 from contimpact.bifurcations.torus import NS
 from contimpact.diagrams.curve_problem import curve_problem
 from contimpact.diagrams.curves import follow_curve

@@ -11,7 +11,7 @@ import pytest
 from zoo import ROOT
 
 from contimpact.accuracy.reference import Reference
-from contimpact.bifurcations.registry import test_functions as make_tests
+from contimpact.bifurcations.kind import test_functions as make_tests
 from contimpact.continuation.branch import UserFunction
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams.orbit_branch import walk_both_ways

@@ -21,7 +21,7 @@ from zoo import ROOT
 
 from contimpact import InputError, follow, plot_diagram, read_scene
 from contimpact.bifurcations.declarations import KINDS
-from contimpact.bifurcations.registry import kind_of
+from contimpact.bifurcations.kind import kind_of
 from contimpact.plots import lines
 from contimpact.plots.diagram import COLOURS, STYLES, save_diagram
 from contimpact.plots.lines import label_text

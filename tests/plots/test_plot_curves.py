@@ -12,7 +12,7 @@ from matplotlib.patches import PathPatch
 
 from contimpact import plot_codim2, plot_curves
 from contimpact.bifurcations.declarations import CURVES
-from contimpact.bifurcations.registry import kind_of
+from contimpact.bifurcations.kind import kind_of
 from contimpact.continuation.ends import End, EndKind
 from contimpact.errors import InputError
 from contimpact.plots.curves import save_curves

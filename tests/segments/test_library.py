@@ -16,7 +16,7 @@ import pytest
 
 from contimpact import ImpactPair, continue_orbit, find_orbits
 from contimpact.arrays import VECTOR
-from contimpact.bifurcations.registry import test_functions as functions_of
+from contimpact.bifurcations.kind import test_functions as functions_of
 from contimpact.continuation.ends import EndKind
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams.orbit_program import program_of

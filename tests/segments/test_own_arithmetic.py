@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from contimpact.bifurcations.extended_system import solve
-from contimpact.bifurcations.kind import Equations
-from contimpact.bifurcations.registry import kind_of
+from contimpact.bifurcations.kind import Equations, kind_of
 from contimpact.orbits.search import find_orbits
 from contimpact.segments.arithmetic import FUNCTIONS, PLAIN, Arithmetic
 from contimpact.systems.bouncing_ball import BouncingBall

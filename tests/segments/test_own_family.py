@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from contimpact.accuracy.reference import Reference
-from contimpact.bifurcations.registry import kind_of
+from contimpact.bifurcations.kind import kind_of
 from contimpact.diagrams.orbit_walks import walk_orbits
 from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem

@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 
-from contimpact.bifurcations.registry import test_functions as functions
+from contimpact.bifurcations.kind import test_functions as functions
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.orbit_branch import symmetric, symmetry_of, walk_both_ways

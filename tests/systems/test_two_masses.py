@@ -10,8 +10,8 @@ import pytest
 from zoo import TWO_MASSES, ProportionalMasses
 
 from contimpact.accuracy.reference import Reference
-from contimpact.bifurcations.registry import switch
-from contimpact.bifurcations.registry import test_functions as functions
+from contimpact.bifurcations.kind import switch
+from contimpact.bifurcations.kind import test_functions as functions
 from contimpact.continuation.ends import EndKind
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams.orbit_branch import continue_orbit, walk_both_ways
