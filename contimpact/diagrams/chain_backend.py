@@ -1,4 +1,4 @@
-"""The backend for orbits of several coordinates, plain or compiled."""
+"""The backend for orbits of any coordinates and periods, plain or compiled."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ AT_A_TIME = 16
 
 
 class ChainBackend(OrbitBackend[ChainVectors]):
-    """See `OrbitBackend`; for several coordinates, up to `MOST_COORDINATES`.
+    """See `OrbitBackend`; for up to `MOST_COORDINATES` coordinates, and periods that are free.
 
     Steps themselves follow flights by linear laws, and, where they are compiled, those that are
     integrated; for gaps of others the points of a batch are looked at one by one.
@@ -226,8 +226,8 @@ class ChainBackend(OrbitBackend[ChainVectors]):
         ):
             return ""
         if not self.by_laws:
-            return "several coordinates of whose modes one has a closed form, and is not linear"
-        return "modes of several coordinates that move by laws of different kinds"
+            return "modes of which one has a closed form, and is not linear"
+        return "modes that move by laws of different kinds"
 
     def written(self) -> Program:
         from .orbit_program import chain_program_of as program_of

@@ -173,8 +173,8 @@ def backend_of(
 ) -> CycleBackend | ChainBackend | SwitchingBackend | None:
     """Return a problem on block-cyclic elimination.
 
-    None where there is none: for more than four coordinates, for two free parameters, for orbits
-    without impacts, and of one coordinate for free periods and where jumps move it.
+    None where there is none: for more than four coordinates, for two free parameters, and for
+    orbits without impacts.
     """
     if problem.free != 1 or not problem.word.walls:
         return None
@@ -182,19 +182,14 @@ def backend_of(
     needs = {need for test in tests if isinstance(test, OrbitTest) for need in test.needs}
     wanted = gaps or "gaps" in needs, "doubling" in needs
     kind: Any = CycleBackend
-    if problem.m > 2:
+    fixed = not problem.autonomous and not problem.lost and kernels.passages.anchored
+    if problem.m > 2 or not fixed or kernels.may_leave_at_once(walls):
         from .chain_backend import MOST_COORDINATES, ChainBackend
 
         kind = ChainBackend
         if problem.model.DEGREES_OF_FREEDOM > MOST_COORDINATES:
             note_uncompiled("more than four coordinates")
             return None
-    elif problem.autonomous or problem.lost or not kernels.passages.anchored:
-        note_uncompiled("one coordinate with free periods, or that jumps move")
-        return None
-    elif kernels.may_leave_at_once(walls):
-        note_uncompiled("flights that may leave their mode where they begin")
-        return None
     backend = problem.solvers.get(f"steps{wanted}") or kind(problem, *wanted)
     problem.solvers[f"steps{wanted}"] = backend
     if any(kernels.flown(*ends) for ends in problem.kinds):
