@@ -12,7 +12,7 @@ import numpy as np
 from ..arrays import ARRAYS, Array, Containers, Vector
 from ..bifurcations.extended_system import ManyOrbits, OneOrbit
 from ..continuation.branch import Block
-from ..continuation.step import HEAD, Batch, Position, columns
+from ..continuation.step import HEAD, columns
 from ..models.guards import Row, orders_of
 from ..orbits.cyclic_chain import (
     AT_END,
@@ -43,10 +43,6 @@ if TYPE_CHECKING:
 
 MOST_COORDINATES = 4
 """Up to which steps in plain Python, or in machine code without a library, pay."""
-
-
-AT_A_TIME = 16
-"""Steps at a time at most, where flights are dear: what is beyond an end is dropped."""
 
 
 class ChainBackend(OrbitBackend[ChainVectors]):
@@ -198,10 +194,9 @@ class ChainBackend(OrbitBackend[ChainVectors]):
 
         return evaluate, chain_step, tangent_of_chain, observe
 
-    def advance(self, position: Position, most: int) -> Batch:
-        """Take steps until one is proposed or refused, but `most` of them, or fewer: sizes may
-        outgrow those that a walk began with."""
-        return super().advance(position, most if self.by_laws else min(most, AT_A_TIME))
+    @property
+    def dear(self) -> bool:
+        return not self.by_laws
 
     def resolve(self, z: Vector, row: Vector, at: int) -> None:
         """Fill in gaps and verdict of flights that steps do not follow."""

@@ -85,6 +85,10 @@ def entry(values, arclengths, rows, found, places):
     return program
 
 
+AT_A_TIME = 16
+"""Steps at a time at most, where flights are dear."""
+
+
 class OrbitBackend(ABC, Generic[V]):
     """An orbit problem as steps ask for it: block-cyclic elimination, many steps at a time.
 
@@ -171,8 +175,18 @@ class OrbitBackend(ABC, Generic[V]):
             "velocities": vector([0.0] * count),
         }
 
+    @property
+    def dear(self) -> bool:
+        """Whether flights take long, as those that are integrated do."""
+        return False
+
     def advance(self, position: Position, most: int) -> Batch:
-        """Take steps until one is proposed or refused, `most` at most."""
+        """Take steps until one is proposed or refused, but `most` of them.
+
+        Where flights are dear, fewer at a time: an interruption is noticed between batches, what is
+        beyond an end is dropped, and sizes may outgrow those that a batch began with.
+        """
+        most = min(most, AT_A_TIME) if self.dear else most
         fast = self.compiled()
         if fast is None:
             return self.steps(position, most, None)
@@ -264,6 +278,10 @@ class OrbitBackend(ABC, Generic[V]):
 
 class CycleBackend(OrbitBackend[OrbitVectors]):
     """See `OrbitBackend`; for problems with one degree of freedom."""
+
+    @property
+    def dear(self) -> bool:
+        return self.variant == "path"
 
     ARGUMENTS = "iiiii" + "ffff" + "FFFF" + "fF" + "ffff" + "ff" + "ffff" + "FF"
 

@@ -538,9 +538,12 @@ def solve_near(
             z[: problem.n] -= np.linalg.solve(here.jacobian[:, : problem.n], here.residual)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         return None
-    speeds = np.abs(problem.impacts(unknowns)[:, 1:])
-    size = max(1.0, float(np.max(speeds, initial=0.0)))
-    return best if best is not None and np.max(np.abs(best.residual)) < 1e-11 * size else None
+    if best is None:
+        return None
+    impacts = problem.impacts(best.unknowns)[:, 1:]
+    state = impacts if impacts.size else best.unknowns[: problem.n]
+    size = max(1.0, float(np.max(np.abs(state), initial=0.0)))
+    return best if np.max(np.abs(best.residual)) < 1e-11 * size else None
 
 
 def _add_new(
@@ -630,7 +633,11 @@ def _same_solution(problem: OrbitProblem, solutions: Array, other: Array) -> Arr
 
 def _is_regular(here: Linearisation) -> bool:
     """Whether an orbit is known to rounding, and not only to its root as at a bifurcation."""
-    sizes = np.linalg.svd(here.cyclic(1.0)[:, : here.problem.n], compute_uv=False)
+    matrix = here.cyclic(1.0)[:, : here.problem.n]
+    for axis in (0, 1):  # in units that lie far apart, its entries do
+        largest = np.max(np.abs(matrix), axis=axis, keepdims=True)
+        matrix = matrix / np.where(largest > 0.0, largest, 1.0)
+    sizes = np.linalg.svd(matrix, compute_uv=False)
     return bool(sizes[-1] > 1e-4 * sizes[0])
 
 

@@ -18,6 +18,7 @@ from contimpact.orbits.search import find_orbits, orbit_at, solve_near
 from contimpact.results.scene import read_scene
 from contimpact.segments.arithmetic import ARRAYS, STATES
 from contimpact.segments.kernels import Kernels
+from contimpact.systems.oscillator import Oscillator
 
 
 @pytest.fixture
@@ -587,3 +588,17 @@ def test_a_search_in_vain_makes_two_rounds(pair, kernels_of, monkeypatch):
     )
     assert find_orbits(pair(d=0.5), "3:1", kernels=kernels_of(pair(), "s")) == []
     assert made == [2]
+
+
+@pytest.mark.parametrize(("per_second", "per_metre"), [(1e3, 1.0), (1e3, 1e-3), (1e6, 1e9)])
+def test_an_orbit_without_impacts_is_found_in_any_units(per_second, per_metre):
+    """The same oscillator in other units of time and length has the same steady response."""
+    w, length = per_second, per_metre
+    model = Oscillator(
+        a=0.5 * length * w**2, omega=1.4 * w, c=0.1 * w, k=w**2, sigma=0.2 * length, r=0.8
+    )
+    (orbit,) = find_orbits(model, "0", parameter="omega")
+    response = 0.5 / (1.0 - 1.4**2 + 0.14j)
+    x, v = orbit.unknowns[:2]
+    assert x == pytest.approx(length * response.real, rel=1e-13)
+    assert v == pytest.approx(-1.4 * w * length * response.imag, rel=1e-13)
