@@ -604,36 +604,21 @@ def touches_of(
     return slow
 
 
-def follow_law(
-    law: Callable[[int, Vector, Vector], tuple[float, float, Vector, Vector]],
-    orbit: ChainVectors,
-    wall: int,
-    z: Vector,
-    at: int,
-    length: float,
-) -> int:
-    """Follow a flight by its law, from the impact whose unknowns stand in z; returns the steps.
+def begin_flight(orbit: ChainVectors, wall: int, freedom: int, positions: Vector) -> FollowedFlight:
+    """Return what is filled in of a flight that starts from these positions.
 
     Where each gap coordinate starts is put behind the forces; that of the wall left is its wall's.
     """
-    m, coordinates = orbit.counts[UNKNOWNS], orbit.counts[COORDINATES]
-    for i in range(m):
-        orbit.ends[i] = z[at + i]
-    d, waves, numbers, state = law(wall, orbit.ends, orbit.values)
-    freedom, given = int(d), len(numbers)
-    for i in range(given):
-        orbit.law[i] = numbers[i]
-    for i in range(len(state)):
-        orbit.ends[i] = state[i]
+    coordinates = orbit.counts[COORDINATES]
     begins = len(orbit.forces) - coordinates
     for g in range(coordinates):
         place = 0.0
         for i in range(freedom):
-            place += orbit.weights[freedom * g + i] * orbit.ends[i]
+            place += orbit.weights[freedom * g + i] * positions[i]
         orbit.forces[begins + g] = place
     if orbit.jumps[wall] == 0:
         orbit.forces[begins + orbit.measured[wall]] = orbit.fixed[0][POSITIONS + wall]
-    flown = FollowedFlight(
+    return FollowedFlight(
         orbit.own,
         orbit.steps,
         orbit.breaks,
@@ -643,6 +628,27 @@ def follow_law(
         orbit.moving,
         orbit.forces,
     )
+
+
+def follow_law(
+    law: Callable[[int, Vector, Vector], tuple[float, float, Vector, Vector]],
+    orbit: ChainVectors,
+    wall: int,
+    z: Vector,
+    at: int,
+    length: float,
+) -> int:
+    """Follow a flight by its law, from the impact whose unknowns stand in z; returns the steps."""
+    m, coordinates = orbit.counts[UNKNOWNS], orbit.counts[COORDINATES]
+    for i in range(m):
+        orbit.ends[i] = z[at + i]
+    d, waves, numbers, state = law(wall, orbit.ends, orbit.values)
+    freedom, given = int(d), len(numbers)
+    for i in range(given):
+        orbit.law[i] = numbers[i]
+    for i in range(len(state)):
+        orbit.ends[i] = state[i]
+    flown = begin_flight(orbit, wall, freedom, orbit.ends)
     return follow_all(
         freedom, int(waves), orbit.law, orbit.ends, orbit.weights, coordinates, length, flown
     )
@@ -663,22 +669,5 @@ def follow_field(
     for i in range(m):
         orbit.ends[i] = z[at + i]
     positions = start(wall, orbit.ends, orbit.values)
-    freedom, begins = len(positions), len(orbit.forces) - coordinates
-    for g in range(coordinates):
-        place = 0.0
-        for i in range(freedom):
-            place += orbit.weights[freedom * g + i] * positions[i]
-        orbit.forces[begins + g] = place
-    if orbit.jumps[wall] == 0:
-        orbit.forces[begins + orbit.measured[wall]] = orbit.fixed[0][POSITIONS + wall]
-    flown = FollowedFlight(
-        orbit.own,
-        orbit.steps,
-        orbit.breaks,
-        orbit.found,
-        orbit.signs,
-        orbit.zeros,
-        orbit.moving,
-        orbit.forces,
-    )
+    flown = begin_flight(orbit, wall, len(positions), positions)
     return path(wall, orbit.ends, orbit.values, length, orbit.weights, coordinates, flown)

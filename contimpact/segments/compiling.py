@@ -124,7 +124,7 @@ def load(
         found = _load_cached(folder, name, arguments)
         if found is None and not pays and available():
             _recall_plain_time(identity, folder)
-            pays = compiling_pays(identity)
+            pays = compiling_pays(identity, after)
     if found is None and pays:
         found = _compile_program(build, arguments, folder, name)
     if found is None:

@@ -223,6 +223,24 @@ def excursion_by_law(
     many."""
     _, waves, numbers, state = law(head, values)
     made, found = follow(int(waves), numbers, state, length, steps, breaks)
+    return excursion_on_steps(
+        made, found, values, length, arriving, left_side, reached_side, steps, breaks
+    )
+
+
+def excursion_on_steps(
+    made: int,
+    found: int,
+    values: Vector,
+    length: float,
+    arriving: float,
+    left_side: float,
+    reached_side: float,
+    steps: Table,
+    breaks: Vector,
+) -> Excursion:
+    """As `excursions`, on the steps that were made, with the zeros of the acceleration that were
+    found; its `slowest` is infinite where `made` is negative: the steps would be too many."""
     if made < 0:
         return math.nan, math.nan, math.nan, math.nan, math.inf
     return excursions(

@@ -29,8 +29,7 @@ from .oscillation import (
     WIDTH,
     Excursion,
     FollowedFlight,
-    excursions,
-    motion_along_steps,
+    excursion_on_steps,
     record_break,
     zeros_of_all,
 )
@@ -332,19 +331,8 @@ def excursion_by_path(
     found, signs, zeros, moving, forces = space[0:], space[1:], space[2:], space[3:], space[5:]
     way = FollowedFlight(steps[most:], steps[:most], breaks, found, signs, zeros, moving, forces)
     made = path(head, values, length, space[EXCURSION:], way)
-    if made < 0:
-        return math.nan, math.nan, math.nan, math.nan, math.inf
-    return excursions(
-        motion_along_steps,
-        steps[:made],
-        values,
-        length,
-        arriving,
-        left_side,
-        reached_side,
-        breaks[: int(found[0])],
-        0.0,
-        math.inf,
+    return excursion_on_steps(
+        made, int(found[0]), values, length, arriving, left_side, reached_side, steps, breaks
     )
 
 
