@@ -16,7 +16,7 @@ from contimpact.errors import InputError
 from contimpact.models.guards import state_before
 from contimpact.results.scene import read_scene
 
-QUICK = (2, 1, 4, 6, 1069)
+QUICK = (2, 1, 4, 6, 1016, 1069)
 MANY = range(200)
 EVERY = 20
 CLOSES = 1e-8

@@ -53,7 +53,8 @@ def excursions(
 
     Between two zeros of the acceleration the velocity is monotone and has at most one zero. A
     flight that leaves its wall outwards, or reaches the next from outside, does so because an
-    impact runs the wrong way; that excursion belongs to the impact and is left out.
+    impact runs the wrong way; that excursion belongs to the impact and is left out. Beside an
+    impact at rest (`TURNED`) it is the flight's where the acceleration leads it there.
 
     `motion`, `head` and `values` are as in `velocity_zero`, `length` is the duration and `arriving`
     the velocity before the impact that ends the flight. The sides are those, on this flight, of the
@@ -69,6 +70,12 @@ def excursions(
     _, speed, acceleration = motion(head, 0.0, values)
     rising = speed > 0.0 or (speed == 0.0 and acceleration > 0.0)
     outwards, inwards = speed * left_side > 0.0, arriving * reached_side < 0.0
+    if outwards and acceleration * left_side > 0.0:
+        outwards = not abs(speed) <= TURNED * abs(acceleration * length)
+    if inwards:
+        ending = motion(head, length, values)[2]
+        if ending * reached_side > 0.0:
+            inwards = not abs(arriving) <= TURNED * abs(ending * length)
     x, dt, maximum, waiting, first = 0.0, 0.0, False, False, True
     left, index, turns, done = 0.0, 0, 0, False
     while not done:

@@ -240,6 +240,28 @@ def check_excursions(motion, vectorised, length, zeros):
     assert not bottoms or min(bottoms) >= low - rounding
 
 
+@pytest.mark.parametrize("speed", [-1e-17, 0.0, 1e-17])
+@pytest.mark.parametrize("push", [-1.0, 1.0])
+@pytest.mark.parametrize("backwards", [False, True])
+def test_beside_an_impact_at_rest_the_acceleration_tells_whose_an_excursion_is(
+    speed, push, backwards
+):
+    """Pushed beyond its wall, a flight passes it whatever the sign of a velocity that is rounding;
+    pushed back, it does not."""
+
+    def motion(_head, dt, _values):
+        s = math.pi - dt if backwards else dt
+        way = -1.0 if backwards else 1.0
+        moved = push * (1.0 - math.cos(2.0 * s)) / 4.0 + speed * s
+        return moved, way * (push * math.sin(2.0 * s) / 2.0 + speed), push * math.cos(2.0 * s)
+
+    zeros = [0.25 * math.pi, 0.75 * math.pi]
+    arriving = motion(None, math.pi, None)[1] if not backwards else -speed
+    high, *_ = excursions(motion, (), (), math.pi, arriving, 1.0, 1.0, zeros, 0.0, math.inf)
+    assert (high > 0.49) == (push > 0.0)
+    assert push > 0.0 or not high > 0.0
+
+
 def tiled(zeros, period, start, length):
     """Zeros of a periodic function inside a flight, as times after its start."""
     first = math.floor(start / period)
