@@ -124,7 +124,7 @@ def notice_growth(blocks: Table, count: int, m: int, clock: Vector) -> None:
     """Count the flights that would be computed in pieces; see `segments.integrated_form`."""
     for k in range(count):
         row = blocks[k]
-        if differences_grow(row[m : m + m * m], row[m + m * m :], m):
+        if differences_grow(row[m : m + m * m], row[m + m * m :], m, True):
             clock[GROWN] += 1.0
 
 

@@ -111,9 +111,20 @@ def _shortest_shift(problem: OrbitProblem, unknowns: Array, tolerance: float) ->
         later[:shift, 0] += span
         later = _roll_rows(later, shift)
         later[:, 0] -= span * shift / n
-        if abs(later - rows).max() < tolerance:
+        if abs((later - rows) / natural_units(problem, unknowns)).max() < tolerance:
             return shift
     return None
+
+
+def natural_units(problem: OrbitProblem, unknowns: Array) -> Array:
+    """Return what differences of an orbit's impacts are measured in, shape (m,): the period of the
+    forcing, the largest velocity, and for positions their product."""
+    period = problem.period(unknowns)
+    fastest = np.max(np.abs(problem.impacts(unknowns)[:, 1::2]), initial=0.0) or 1.0
+    units = np.full(problem.m, fastest)
+    units[::2] *= period
+    units[0] = period
+    return units
 
 
 def _roll_rows(rows: Array, shift: int) -> Array:
@@ -226,7 +237,9 @@ def solve_on_arrays(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
             z, origin, residual = z[..., healthy], origin[healthy], residual[:, healthy]
             jacobian = jacobian[..., healthy]
         step = _solve_all(jacobian, -residual).reshape(n, m, -1)
-        done = np.abs(step).max(axis=(0, 1)) < SETTLED
+        units = np.maximum(_sizes(z), 1.0), max(1.0, period)  # of large numbers a part
+        done = (np.abs(step[:, 1:]) / units[0]).max(axis=(0, 1)) < SETTLED
+        done &= np.abs(step[:, 0]).max(axis=0) < SETTLED * units[1]
         if done.any():
             reached.append((z + step)[..., done])
             origins.append(origin[done])
@@ -453,24 +466,46 @@ def _search_rounds(
 def _without_impacts(problem: OrbitProblem, generator: np.random.Generator) -> list[Orbit]:
     """The orbits of the word `0`; of linear flights the first start leads to the only one."""
     free = [problem.model.values[name] for name in problem.kernels.parameters]
+    units = _units_at_rest(problem, free)
 
     def state(trial: int) -> Array:
         drawn = generator.normal(scale=10.0 ** (trial % 4 - 2), size=problem.m) * (trial > 0)
-        return np.append(drawn, free)
+        return np.append(units * drawn, free)
 
     found: list[Orbit] = []
     for trial in range(QUIET_STARTS):
-        _add_quiet(found, solve_near(problem, state(trial)))
+        _add_quiet(found, solve_near(problem, state(trial)), units)
     if not found and problem.kernels.integrated(SECTION):
         for trial in range(QUIET_STARTS):
-            _add_quiet(found, solve_near(problem, _approach(problem, state(trial))))
+            _add_quiet(found, solve_near(problem, _approach(problem, state(trial))), units)
     return found
 
 
-def _add_quiet(found: list[Orbit], here: Linearisation | None) -> None:
+def _units_at_rest(problem: OrbitProblem, free: Sequence[float]) -> Array:
+    """Units in which motion without impacts is of ordinary size: powers of two, for positions near
+    where walls are, or to where the forcing leads from rest within a period."""
+    setup = problem.kernels.setup(*problem.model.values.values())
+    rate = 2.0 * math.pi / setup.period
+    try:
+        moved = np.abs(problem.evaluate(np.append(np.zeros(problem.m), free)).residual)
+    except ArithmeticError:
+        moved = np.zeros(problem.m)
+    moved[1::2] /= rate
+    length = max([*map(abs, setup.walls), *moved.tolist()])
+    units = np.full(problem.m, _power_of_two(length) if 0.0 < length < math.inf else 1.0)
+    units[1::2] *= _power_of_two(rate)
+    return units
+
+
+def _power_of_two(x: float) -> float:
+    return 2.0 ** round(math.log2(x))
+
+
+def _add_quiet(found: list[Orbit], here: Linearisation | None, units: Array) -> None:
     """Add an orbit without impacts to the list unless it is there, or one of a shorter period."""
     if here is not None and _is_regular(here) and not _repeats_quietly(here):
-        _add(found, here, SAME_ORBIT * max(1.0, float(np.max(np.abs(here.unknowns)))))
+        size = float(np.max(np.abs(here.unknowns[: len(units)] / units)))
+        _add(found, here, SAME_ORBIT * max(1.0, size), units)
 
 
 def _approach(problem: OrbitProblem, unknowns: Array) -> Array:
@@ -557,7 +592,7 @@ def _add_new(
     for other in known:
         left = left[~_same_solution(problem, left, other)]
     while len(left):
-        here = solve_near(problem, _round_unknowns(left[0]))
+        here = solve_near(problem, _round_unknowns(problem, left[0]))
         left = left[1:]
         if here is None or not _impacts_follow(here):
             continue
@@ -569,18 +604,20 @@ def _add_new(
             _add(found, here, SAME_ORBIT if regular else SAME_SINGULAR_ORBIT)
 
 
-def _round_unknowns(unknowns: Array) -> Array:
+def _round_unknowns(problem: OrbitProblem, unknowns: Array) -> Array:
     """Unknowns to nine digits of the largest: from there Newton's iteration leads to the same bits
     whichever start has led to them, and whichever arithmetic."""
-    rounded = unknowns.copy()
-    unit = 2.0 ** (math.frexp(float(np.max(np.abs(unknowns[:-1]))))[1] - 30)
-    rounded[:-1] = unit * np.round(unknowns[:-1] / unit)
+    rounded, (n, m) = unknowns.copy(), (problem.n, problem.m)
+    digit = 2.0 ** (np.frexp(natural_units(problem, unknowns))[1] - 30)
+    rounded[:n] = (digit * np.round(unknowns[:n].reshape(-1, m) / digit)).ravel()
     return rounded
 
 
-def _add(found: list[Orbit], here: Linearisation, same: float) -> None:
+def _add(found: list[Orbit], here: Linearisation, same: float, units: Array | None = None) -> None:
     """Add an orbit to the list unless it is there."""
-    apart = (here.problem.difference(here.unknowns, orbit.unknowns) for orbit in found)
+    problem, n = here.problem, here.problem.n
+    units = np.resize(natural_units(problem, here.unknowns) if units is None else units, n)
+    apart = (problem.difference(here.unknowns, orbit.unknowns)[:n] / units for orbit in found)
     if all(np.max(np.abs(difference)) >= same for difference in apart):
         found.append(Orbit(here.problem, _rotate_to_fastest(here)))
 
@@ -619,6 +656,7 @@ def _impacts_follow(here: Linearisation) -> bool:
 def _same_solution(problem: OrbitProblem, solutions: Array, other: Array) -> Array:
     """Which rows are another solution, up to whole periods and rotations of the word."""
     period, span = problem.period(other), problem.span(other)
+    units = natural_units(problem, other)
     rows = solutions[:, :-1].reshape(-1, len(problem.word), problem.m)
     same = np.zeros(len(solutions), dtype=bool)
     for shift in problem.word.rotations():
@@ -627,7 +665,7 @@ def _same_solution(problem: OrbitProblem, solutions: Array, other: Array) -> Arr
         gaps = rows - problem.placed(moved, span)
         if not problem.autonomous:
             gaps[:, :, 0] -= period * np.round(np.mean(gaps[:, :, :1], axis=1) / period)
-        same |= np.max(np.abs(gaps), axis=(1, 2)) < SAME_SOLUTION
+        same |= np.max(np.abs(gaps / units), axis=(1, 2)) < SAME_SOLUTION
     return same
 
 

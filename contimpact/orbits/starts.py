@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from .problem import OrbitProblem
 
 ITERATIONS, SETTLED = 25, 1e-8
-"""Most iterations, and the length of the Newton step after which a start has led to an orbit."""
+"""Most iterations, and the length of the Newton step after which a start has led to an orbit;
+of a period or of velocities above one that part."""
 
 ASTRAY, LOST = 1e-2, 10
 """Part of its Newton step that a start takes where it is astray, and how often it may be so: of
@@ -85,28 +86,29 @@ def solve_from_starts(
             reduced = eliminate(blocks, arrivals, kept, 1.0, False, z, 0.0)
             if not abs(solve(reduced, kept, count, border, 0.0, step)) > 0.0:
                 break
-            largest, total, part = 0.0, 0.0, 1.0
-            for i in range(n):
-                largest = max(largest, abs(step[i]))
-                total += abs(step[i])
+            farthest, period = 0.0, clock[0] / counts[PERIODS]
+            largest, total, part, size = 0.0, 0.0, 1.0, 1.0
+            for k in range(count):
+                i = 2 * k
+                farthest, size = max(farthest, abs(step[i])), max(size, abs(z[i + 1]))
+                largest = max(largest, abs(step[i + 1]))
+                total += abs(step[i]) + abs(step[i + 1])
             if total - total != 0.0:
                 break
-            if largest < SETTLED:
+            if largest < SETTLED * size and farthest < SETTLED * max(1.0, period):
                 for i in range(n):
                     z[i] += step[i]
                 made[number] = float(iteration)
                 break
-            farthest, period = 1e-300, clock[0] / counts[PERIODS]
             for k in range(count):
                 i = 2 * k
-                farthest = max(farthest, abs(step[i]))
                 if k + 1 < count:
                     duration, change = z[i + 2] - z[i], step[i + 2] - step[i]
                 else:
                     duration, change = z[0] + clock[0] - z[i], step[0] - step[i]
                 if change < 0.0:
                     part = min(part, -0.9 * duration / change)
-            part = min(part, 0.25 * period / farthest)
+            part = min(part, 0.25 * period / max(farthest, 1e-300))
             for i in range(n):
                 z[i] += part * step[i]
             if part < ASTRAY:

@@ -8,6 +8,7 @@ regular matrix: rows are combined such that none of them is large.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -111,9 +112,25 @@ class IntegratedFlight:
         end = np.concatenate([np.abs(state[:d]) + abs(numbers[0]) * sizes[0, 0], sizes[0, 1]])
         return unit * end, unit * np.concatenate([moved, sizes[1:, 1]], axis=1).T
 
-    def growth(self, table: Array) -> float:
-        """Return by how much a piece with these derivatives may enlarge a difference of states."""
-        return float(np.linalg.norm(table[:, 2 : 2 + 2 * self.freedom], 2))
+    def factor(self, table: Array) -> Array:
+        """Return the derivatives of the state at a piece's end by that at its start."""
+        return table[:, 2 : 2 + 2 * self.freedom]
+
+
+def growth(factor: Array) -> float:
+    """Return by how much a flight with these derivatives of its state may enlarge a difference of
+    states whose velocities are scaled so that positions make as much of velocities as these make
+    of positions: the smallest norm for any unit of time."""
+    if not np.all(np.isfinite(factor)):
+        return math.inf
+    d = len(factor) // 2
+    by_rates, by_places = (float(np.max(np.abs(e))) for e in (factor[:d, d:], factor[d:, :d]))
+    if by_rates > 0.0:
+        scale = math.sqrt(by_places) / math.sqrt(by_rates) if by_places > 0.0 else 1.0 / by_rates
+    else:
+        scale = by_places or 1.0
+    units = np.repeat([1.0, 2.0 ** round(math.log2(scale))], d)
+    return float(np.linalg.norm(factor * (units / units[:, None]), 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,7 +277,7 @@ class Shooting:
         """The flight in pieces none of which grows by too much."""
         while True:
             found = self._newton(parts, states)
-            long = [self.flight.growth(table) > PIECE_MAY for table in found.tables]
+            long = [growth(self.flight.factor(table)) > PIECE_MAY for table in found.tables]
             if not any(long):
                 return found
             parts, states = self._halved(found, long)
@@ -341,19 +358,19 @@ class Shooting:
                 end, table = self.flight.fly(part, goal, state)
             except ArithmeticError:
                 end, table = state, np.full((len(state), 2 + len(state)), np.inf)
-            factor = table[:, 2 : 2 + len(state)]
-            growth = float(np.linalg.norm(factor, 2)) if np.all(np.isfinite(factor)) else np.inf
-            if growth > PIECE_GROWS and size > SHORTEST:
+            factor = self.flight.factor(table)
+            grown = growth(factor)
+            if grown > PIECE_GROWS and size > SHORTEST:
                 size *= 0.5
                 continue
-            if growth == np.inf:
+            if grown == np.inf:
                 break
             product = factor @ product
-            if not np.linalg.norm(product, 2) < TRUSTED:
+            if not growth(product) < TRUSTED:
                 break
             part, state = goal, end
             found.append((part, state))
-            size = min(0.125, 2.0 * size) if growth < PIECE_GROWS**0.5 else size
+            size = min(0.125, 2.0 * size) if grown < PIECE_GROWS**0.5 else size
         return found
 
 
@@ -451,7 +468,7 @@ class IntegratedForm(ClosedForm):
         whole, failed = None, None
         try:
             whole = self._flight(*start, *end, *values)
-            if not differences_grow(whole[1], whole[2], self._m):
+            if not differences_grow(whole[1], whole[2], self._m, self._walls[0] != SECTION):
                 return whole
         except ArithmeticError as error:
             failed = error

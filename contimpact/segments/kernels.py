@@ -379,7 +379,7 @@ class Kernels:
         def noticed(*given: float) -> Any:
             blocks = flight(*given)
             m = self.model.unknowns_per_impact
-            self.long = self.long or differences_grow(blocks[1], blocks[2], m)
+            self.long = self.long or differences_grow(blocks[1], blocks[2], m, True)
             return blocks
 
         return noticed

@@ -137,16 +137,19 @@ LONG = 1e3
 """Growth of a flight from which on it is computed in pieces."""
 
 
-def differences_grow(leaving: Vector, arriving: Vector, m: int) -> bool:
+def differences_grow(leaving: Vector, arriving: Vector, m: int, timed: bool) -> bool:
     """Whether differences grow too much along a flight, from the derivatives in its `Blocks`.
 
-    Those by an unknown of the start are compared with those by the same one of the end. The
-    function is in the plain subset of Python.
+    Those by an unknown of the start are compared with those by the same one of the end, in any
+    units: of positions and velocities, which take turns, positions by positions alone, and
+    velocities by velocities. Where flights are `timed`, the first unknown is a time, and the first
+    equation may be divided by one. The function is in the plain subset of Python.
     """
     for i in range(m):
-        one, other = 0.0, 0.0
+        one, other, of_time = 0.0, 0.0, timed and i == 0
         for k in range(m):
-            one, other = max(one, abs(leaving[m * k + i])), max(other, abs(arriving[m * k + i]))
+            if of_time or (k % 2 == i % 2 and not (timed and k == 0)):
+                one, other = max(one, abs(leaving[m * k + i])), max(other, abs(arriving[m * k + i]))
         if one > LONG and one > LONG * other:
             return True
     return False

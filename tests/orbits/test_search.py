@@ -17,7 +17,9 @@ from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits, orbit_at, solve_near
 from contimpact.results.scene import read_scene
 from contimpact.segments.arithmetic import ARRAYS, STATES
+from contimpact.segments.integrated_form import Split
 from contimpact.segments.kernels import Kernels
+from contimpact.systems.duffing import Duffing
 from contimpact.systems.oscillator import Oscillator
 
 
@@ -602,3 +604,34 @@ def test_an_orbit_without_impacts_is_found_in_any_units(per_second, per_metre):
     x, v = orbit.unknowns[:2]
     assert x == pytest.approx(length * response.real, rel=1e-13)
     assert v == pytest.approx(-1.4 * w * length * response.imag, rel=1e-13)
+
+
+@pytest.mark.parametrize("word", ["0", "1"])
+@pytest.mark.parametrize(
+    ("per_second", "per_metre"), [(600.0, 1e-3), (1e6, 1.0), (1e-3, 1e3), (1.0, 1e-6)]
+)
+@pytest.mark.quick(3)
+def test_nonlinear_orbits_are_found_in_any_units(word, per_second, per_metre, monkeypatch):
+    """Neither what is drawn nor what is the same orbit rests on the units; nor does what makes a
+    flight a long one, of which the search of `0` met a hundred where omega was 14."""
+    w, length = per_second, per_metre
+
+    def found(w, length):
+        model = Duffing(
+            a=0.5 * length * w**2,
+            omega=1.4 * w,
+            c=0.1 * w,
+            alpha=w**2,
+            beta=(w / length) ** 2,
+            sigma=0.8 * length,
+            r=0.8,
+        )
+        units = [length, w * length] if word == "0" else [1.0 / w, w * length]
+        orbits = find_orbits(model, word, parameter="omega")
+        return [orbit.unknowns[:2] / units for orbit in orbits]
+
+    split, begin = [], Split.__init__
+    monkeypatch.setattr(Split, "__init__", lambda *given: split.append(given) or begin(*given))
+    here, long = found(w, length), len(split)
+    np.testing.assert_allclose(here, found(1.0, 1.0), rtol=1e-13)
+    assert abs(long - (len(split) - long)) <= 3
