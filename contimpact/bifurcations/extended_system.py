@@ -514,12 +514,13 @@ def form_at(solution: Solution, scale: Array) -> tuple[Array, Array]:
 
 def stands_upright(point: OrbitPoint) -> bool:
     """Whether two branches cross at a point, one of them with the parameter at rest."""
+    units = point.evaluation.problem.natural_units(point.unknowns)
     solution = solve(Crossing(point.evaluation.problem), point.evaluation, GLANCE)
-    if solution is None or np.max(np.abs(solution.unknowns - point.unknowns)) > BESIDE:
+    if solution is None or np.max(np.abs(solution.unknowns - point.unknowns) / units) > BESIDE:
         return False
     if not branches_cross(unfolding_of(solution)):
         return False
-    form, null = form_at(solution, np.ones(len(point.unknowns)))
+    form, null = form_at(solution, units)
     upright = null @ np.eye(len(point.unknowns))[-1]  # a direction at right angles to this is
     size = float(np.linalg.norm(upright))
     if size == 0.0:

@@ -784,6 +784,19 @@ class OrbitProblem:
         found[self.n :] = span
         return found
 
+    def natural_units(self, unknowns: Array) -> Array:
+        """Return units in which differences of orbits are told, whatever the units of the model:
+        the forcing's period, the largest velocity at an impact, for positions their product, and
+        for parameters their values."""
+        one = np.full(self.m, np.max(np.abs(self.impacts(unknowns)[:, 1::2])) or 1.0)
+        one[::2] *= self.period(unknowns)
+        one[0] = self.period(unknowns)
+        return np.append(np.tile(one, len(self.word)), self._units_of_parameters(unknowns))
+
+    def _units_of_parameters(self, unknowns: Array) -> Array:
+        sizes = np.abs(unknowns[self.n :])
+        return np.where(sizes > 0.0, sizes, 1.0)
+
     def least_scale(self, unknowns: Array) -> Array:
         """Return sizes of the impacts' unknowns that are at most those of `scale`, for one degree
         of freedom; they take no look along the flights."""

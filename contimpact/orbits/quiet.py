@@ -232,6 +232,16 @@ class QuietProblem(OrbitProblem):
         """Return the state on the section."""
         return unknowns[: self.m].tolist()
 
+    def natural_units(self, unknowns: Array) -> Array:
+        """Return units in which differences of orbits are told: the largest of positions, and of
+        velocities in waves of the forcing, that time, and for parameters their values."""
+        rate = 2.0 * math.pi / self.period(unknowns)
+        sizes = np.abs(self.state(unknowns))
+        sizes[1::2] /= rate
+        units = np.full(self.n, np.max(sizes) or 1.0)
+        units[1::2] *= rate
+        return np.append(units, self._units_of_parameters(unknowns))
+
     def times_around(self, unknowns: Array, flight: int) -> tuple[float, float]:
         """Return the times between which touches are looked for."""
         return 0.0, self.span(unknowns) + BEYOND * self.period(unknowns)
@@ -395,6 +405,12 @@ class FreeQuietProblem(WithoutForcing, QuietProblem):
     def state(self, unknowns: Array) -> list[float]:
         """Return the state on the section, where the first coordinate turns."""
         return self.leaves(unknowns[: self.m]).tolist()
+
+    def natural_units(self, unknowns: Array) -> Array:
+        """Return the same, with the orbit's period in the place of v_0."""
+        units = super().natural_units(unknowns)
+        units[1] = self.span(unknowns)
+        return units
 
     def leaves(self, moved: ArrayLike) -> Array:
         """Return a direction of the unknowns, or rows of them in turn, without v_0."""

@@ -111,20 +111,9 @@ def _shortest_shift(problem: OrbitProblem, unknowns: Array, tolerance: float) ->
         later[:shift, 0] += span
         later = _roll_rows(later, shift)
         later[:, 0] -= span * shift / n
-        if abs((later - rows) / natural_units(problem, unknowns)).max() < tolerance:
+        if abs((later - rows) / problem.natural_units(unknowns)[: problem.m]).max() < tolerance:
             return shift
     return None
-
-
-def natural_units(problem: OrbitProblem, unknowns: Array) -> Array:
-    """Return what differences of an orbit's impacts are measured in, shape (m,): the period of the
-    forcing, the largest velocity, and for positions their product."""
-    period = problem.period(unknowns)
-    fastest = np.max(np.abs(problem.impacts(unknowns)[:, 1::2]), initial=0.0) or 1.0
-    units = np.full(problem.m, fastest)
-    units[::2] *= period
-    units[0] = period
-    return units
 
 
 def _roll_rows(rows: Array, shift: int) -> Array:
@@ -607,16 +596,16 @@ def _add_new(
 def _round_unknowns(problem: OrbitProblem, unknowns: Array) -> Array:
     """Unknowns to nine digits of the largest: from there Newton's iteration leads to the same bits
     whichever start has led to them, and whichever arithmetic."""
-    rounded, (n, m) = unknowns.copy(), (problem.n, problem.m)
-    digit = 2.0 ** (np.frexp(natural_units(problem, unknowns))[1] - 30)
-    rounded[:n] = (digit * np.round(unknowns[:n].reshape(-1, m) / digit)).ravel()
+    rounded, n = unknowns.copy(), problem.n
+    digit = 2.0 ** (np.frexp(problem.natural_units(unknowns)[:n])[1] - 30)
+    rounded[:n] = digit * np.round(unknowns[:n] / digit)
     return rounded
 
 
 def _add(found: list[Orbit], here: Linearisation, same: float, units: Array | None = None) -> None:
     """Add an orbit to the list unless it is there."""
     problem, n = here.problem, here.problem.n
-    units = np.resize(natural_units(problem, here.unknowns) if units is None else units, n)
+    units = problem.natural_units(here.unknowns)[:n] if units is None else units
     apart = (problem.difference(here.unknowns, orbit.unknowns)[:n] / units for orbit in found)
     if all(np.max(np.abs(difference)) >= same for difference in apart):
         found.append(Orbit(here.problem, _rotate_to_fastest(here)))
@@ -656,7 +645,7 @@ def _impacts_follow(here: Linearisation) -> bool:
 def _same_solution(problem: OrbitProblem, solutions: Array, other: Array) -> Array:
     """Which rows are another solution, up to whole periods and rotations of the word."""
     period, span = problem.period(other), problem.span(other)
-    units = natural_units(problem, other)
+    units = problem.natural_units(other)[: problem.m]
     rows = solutions[:, :-1].reshape(-1, len(problem.word), problem.m)
     same = np.zeros(len(solutions), dtype=bool)
     for shift in problem.word.rotations():
