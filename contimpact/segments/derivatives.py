@@ -6,6 +6,7 @@ they have written is a kernel of floats. That takes milliseconds, and no formula
 
 from __future__ import annotations
 
+import functools
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
@@ -482,7 +483,8 @@ SERIES = series(RECORDED)
 SERIES_OF_FLOATS = series(FLOATS)
 
 
-def second_derivatives(kernel: Kernel, ends: int, parameters: Sequence[str]) -> Derivatives:
+@functools.lru_cache(maxsize=256)
+def second_derivatives(kernel: Kernel, ends: int, parameters: tuple[str, ...]) -> Derivatives:
     """Return ``second(t0, *y0, t1, *y1, *q, *p)``: how the `Blocks` of a flight change along a
     direction q. It has entries for the unknowns at both ends of the flight, and behind them for
     these parameters."""
@@ -501,6 +503,7 @@ def second_derivatives(kernel: Kernel, ends: int, parameters: Sequence[str]) -> 
     return kernel_of("second", text, "<second>", {"flown_along": flown_along})
 
 
+@functools.lru_cache(maxsize=256)
 def third_derivatives(kernel: Kernel, ends: int) -> Derivatives:
     """Return ``third(t0, *y0, t1, *y1, *q, *p)``: third derivatives of a flight's residual along q,
     which has an entry for each unknown at both ends of the flight."""

@@ -427,7 +427,7 @@ class Kernels:
                 _write(path, source)
         else:
             self.loaded.append(name)
-        return kernel_of(name, source, str(path or f"<kernel {name}>"))
+        return _function_of(name, source, str(path or f"<kernel {name}>"))
 
     def _key(self, name: str) -> str:
         parts = (name, *self.parameters, self.model.identity, *digests())
@@ -449,6 +449,10 @@ class Kernels:
             f"again.\n# {self.model.options}\n\n" + self._writer.write(name)
         )
         return f"# {key} {_digest(body)}\n{body}"
+
+
+_function_of = functools.lru_cache(maxsize=1024)(kernel_of)
+"""Kernels are the same functions for all who load the same text."""
 
 
 def _digest(body: str) -> str:

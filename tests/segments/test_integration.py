@@ -12,7 +12,7 @@ from contimpact.errors import InputError
 from contimpact.models.model import Formulas
 from contimpact.models.nonlinear import Nonlinear
 from contimpact.orbits.search import find_orbits
-from contimpact.segments import integration
+from contimpact.segments import integration, kernels
 from contimpact.segments.arithmetic import ARRAYS, evaluate_in
 from contimpact.segments.bounded import BOUNDED, BoundedNumber, many_digits
 from contimpact.segments.checking import check_model
@@ -186,6 +186,7 @@ def test_bounds_of_errors_hold(scale):
 def test_what_is_missing_is_said(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "heyoka", None)
     integrator.cache_clear()
+    kernels._function_of.cache_clear()
     with pytest.raises(InputError, match=r"pip install contimpact\[ode\]"):
         flown(FIELD, "", *AT)
     with pytest.raises(InputError, match=r"pip install contimpact\[ode\]"):
