@@ -257,6 +257,9 @@ BEYOND = 0.1
 """Part of its way by which an orbit between two points of a branch may lie before or beyond
 them."""
 
+ASIDE = 4.0
+"""How far a branch may lie beside the straight way between two of its points, in lengths of it."""
+
 UserEvent = tuple[str, Callable[[Orbit], float]]
 Callback = Callable[[Point], bool | None]
 
@@ -527,10 +530,14 @@ class Run:
         value, rows = unknowns[-1], self.rows
         behind, ahead = rows[:-1, -1], rows[1:, -1]
         passed = ((behind - value) * (ahead - value) <= 0.0) & (behind != ahead)
+        units = self.problem.natural_units(unknowns)
         for i in np.nonzero(passed)[0]:
             left, right = rows[i], rows[i + 1]
             guess = left + (value - left[-1]) / (right[-1] - left[-1]) * (right - left)
             guess[-1] = value
+            near = ASIDE * np.max(np.abs((right - left) / units)) + SAME_SOLUTION
+            if np.max(np.abs(self.problem.difference(guess, unknowns) / units)) > near:
+                continue
             if self._same(solve_near(self.problem, guess), unknowns):
                 return True
         return any(self._passes_at_turn(i, unknowns) for i in self._turning)

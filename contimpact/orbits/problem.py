@@ -89,7 +89,7 @@ def path_of(here: Linearisation, points: int = 200) -> Path:
 def positions(here: Linearisation) -> dict[str, float]:
     """Return the positions of the walls at an orbit's parameter values, by name."""
     problem = here.problem
-    setup = problem.kernels.setup(*problem.values(here.unknowns))
+    setup = problem.setup(here.unknowns)
     places = zip(problem.model.letters, setup.walls, strict=True)
     return {name: float(x) for name, x in places}
 
@@ -522,6 +522,7 @@ class OrbitProblem:
         self.free = len(kernels.parameters)
         self._free = [names.index(name) for name in kernels.parameters]
         self.kernel_evaluations = 0
+        self._last_setup: tuple[tuple[float, ...] | None, Any] = None, None
         self.solvers: dict[str, Any] = {}
         if self.autonomous != model.autonomous:
             found = f"{word!r}, of a model {'without' if model.autonomous else 'with'} forcing"
@@ -567,7 +568,16 @@ class OrbitProblem:
 
     def period(self, unknowns: Array) -> float:
         """Return the forcing period at a point."""
-        return self.kernels.setup(*self.values(unknowns)).period
+        return self.setup(unknowns).period
+
+    def setup(self, unknowns: Array) -> Setup:
+        """Return what depends on the parameters alone; much is asked at the same ones in a row."""
+        free = tuple(unknowns[-self.free :].tolist())
+        known, found = self._last_setup
+        if known != free:
+            found = self.kernels.setup(*self.values(unknowns))
+            self._last_setup = free, found
+        return found
 
     def span(self, unknowns: Array) -> float:
         """Return the orbit's period at a point, a multiple of the forcing's."""
@@ -624,7 +634,7 @@ class OrbitProblem:
         m, n = self.m, self.n
         z = unknowns.tolist()
         p = self.values(unknowns)
-        setup = self.kernels.setup(*p)
+        setup = self.setup(unknowns)
         closing = self.closing(z[0], setup.period)
         residual, start, end, by_parameter = (list[float]() for _ in range(4))
         together = False
@@ -674,7 +684,7 @@ class OrbitProblem:
         m, n = self.m, self.n
         z, q = unknowns.tolist(), direction.tolist()
         p = self.values(unknowns)
-        setup = self.kernels.setup(*p)
+        setup = self.setup(unknowns)
         slopes = self.word.period * np.array(setup.slopes)
         start: list[float] = []
         end: list[float] = []

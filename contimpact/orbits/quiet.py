@@ -280,7 +280,7 @@ class QuietProblem(OrbitProblem):
     def gaps(self, unknowns: Array) -> list[FlightGaps]:
         """Return the nearest touch of each guard of the first mode, in one row."""
         mode = self.model.first_mode
-        positions = self.kernels.setup(*self.values(unknowns)).walls
+        positions = self.setup(unknowns).walls
         watched = self._rows()
         look = self._on_track if self.kernels.integrated(SECTION) else self._by_kernels
         found = look(watched, unknowns)
@@ -427,7 +427,7 @@ class FreeQuietProblem(WithoutForcing, QuietProblem):
     def from_touch(self, problem: OrbitProblem, unknowns: Array, impact: int) -> Array:
         """Return the touch, where the gap coordinate turns, and the period."""
         letter, section = problem.word.walls[impact], problem.impacts(unknowns)[impact, 1:].tolist()
-        walls = self.kernels.setup(*self.values(unknowns)).walls
+        walls = self.setup(unknowns).walls
         row, place = self.model.guard(letter).row(self.m // 2), self.model.letters.index(letter)
         state = np.array(state_before(row, walls[place], section)).T.ravel()
         state[1] = problem.span(unknowns)
