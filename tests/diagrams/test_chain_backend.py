@@ -114,6 +114,7 @@ def test_points_against_dense_matrices(kind):
 
 @integrated
 @pytest.mark.parametrize(("al", "ga"), [(1.0, 1.5), (0.3, 0.7)])
+@pytest.mark.quick(1)
 def test_the_circle_on_both_sides(al, ga):
     """With be = 1 both fields have the circle r = 1. On the left dr/dphi = (1 - r) r, on the right
     al (1 - r) r/(1 + ga - r): half a turn on each makes period and multiplier."""
