@@ -21,12 +21,17 @@ from contimpact.segments.kernels import Kernels
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
 
+DECIDING = {"continuation", "bifurcations", "orbits", "diagrams"}
+"""The folders of tests whose results rest on floating-point decisions."""
+
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Mark as full what a test has beyond its quick cases."""
+    """Mark as full what a test has beyond its quick cases, and tests of decisions as such."""
     cases = Counter()
     for item in items:
+        if item.path.parent.name in DECIDING:
+            item.add_marker("deciding")
         if marker := item.get_closest_marker("quick"):
             cases[item.parent.nodeid, item.originalname] += 1
             if cases[item.parent.nodeid, item.originalname] > marker.args[0]:

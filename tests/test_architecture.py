@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from zoo import ROOT
+from zoo import ROOT, tool
 
 import contimpact
 from contimpact.bifurcations.declarations import CROSSINGS, KINDS
@@ -67,8 +67,13 @@ class Import(NamedTuple):
 
 
 @cache
+def measure():
+    """The script that measures the package: it has every module's tree."""
+    return tool("measure")
+
+
 def tree(module):
-    return ast.parse(FILES[module].read_text(encoding="utf-8"), str(FILES[module]))
+    return measure().TREES[module]
 
 
 @cache
@@ -79,7 +84,7 @@ def nodes(module):
         node, when = waiting.pop()
         for child in ast.iter_child_nodes(node):
             now = when
-            if isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test):
+            if isinstance(child, ast.If) and "TYPE_CHECKING" in getattr(child.test, "id", ""):
                 now = "typing"
             elif isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
                 now = "later" if when == "import" else when
@@ -394,6 +399,12 @@ def test_the_core_runs_without_the_optional_packages(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "G[2:1->3:1] e5 to FB e4" in done.stdout
     assert (tmp_path / "out" / "diagram.png").stat().st_size > 0
+
+
+def test_a_key_of_a_scene_is_spelled_in_one_module():
+    places = measure().places_of_keys()
+    assert {"depth", "max_branches", "survey", "bits", "formats", "basins"} <= set(places)
+    assert {name: modules for name, modules in places.items() if len(modules) > 1} == {}
 
 
 def test_errors_import_nothing():

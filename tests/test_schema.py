@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import importlib.util
 import json
 import re
 import typing
@@ -12,7 +11,7 @@ import typing
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from zoo import ROOT
+from zoo import ROOT, tool
 
 from contimpact.continuation.settings import Settings
 from contimpact.errors import InputError
@@ -42,14 +41,6 @@ LEAST = {
 }
 
 
-def tool(name):
-    """A script in ``tools``, as a module."""
-    spec = importlib.util.spec_from_file_location(name, ROOT / "tools" / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Longer(Scene):
     """A scene with a further key, which is declared here and nowhere else."""
@@ -74,12 +65,6 @@ def test_a_key_is_added_in_one_place():
     assert row in tool("key_tables").table(Longer, "follow")
     with pytest.raises(InputError, match="unknown key"):
         read_scene(longer)
-
-
-def test_a_key_of_a_scene_is_spelled_in_one_module():
-    places = tool("measure").places_of_keys()
-    assert {"depth", "max_branches", "survey", "bits", "formats", "basins"} <= set(places)
-    assert {name: modules for name, modules in places.items() if len(modules) > 1} == {}
 
 
 @pytest.mark.parametrize("name", tool("key_tables").PAGES)

@@ -26,6 +26,14 @@ def example(name):
     return module
 
 
+def tool(name):
+    """A script in ``tools``, as a module."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "tools" / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
 def unknowns_of(problem, times, sections, value=None):
     """Unknowns from impact times (N,), section coordinates (N, m - 1) and the parameters."""
     sections = np.reshape(sections, (len(times), -1))

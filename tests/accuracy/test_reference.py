@@ -142,6 +142,7 @@ def repeated(orbit, times):
 
 
 @pytest.mark.parametrize("times", [5, 25, 100])
+@pytest.mark.quick(2)
 def test_multipliers_of_long_words(pair, times):
     """Up to 200 impacts and 2e11, against the product of the flights' maps in many digits."""
     orbit = find_orbits(pair(s=0.3515), "1:1", parameter="s", starts=64, rounds=4)[0]

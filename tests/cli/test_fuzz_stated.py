@@ -34,7 +34,7 @@ pytestmark = pytest.mark.skipif(
     not hasattr(signal, "SIGPROF"), reason="the time of a case is limited by signals"
 )
 
-ORDINARY, PER_TEST = 120, 30
+ORDINARY, PER_TEST = 120, 15
 TOO_LONG = 10.0
 """Seconds of work that a case may take."""
 

@@ -223,7 +223,7 @@ def test_a_value_that_ceases_to_exist_inside_a_bracket_is_reported():
         (CUBIC, [0.0, 0.0], 1),
     ],
 )
-@settings(deadline=None, derandomize=True)
+@settings(deadline=None, derandomize=True, max_examples=25)
 @given(target=st.floats(0.02, 0.85))
 @pytest.mark.full
 def test_the_error_of_a_bracketed_event_is_honest(curve, start, direction, target):

@@ -130,7 +130,7 @@ def test_a_command_asked_to_end_writes_what_it_found(tmp_path, number):
 @pytest.mark.full
 def test_no_random_point_keeps_the_margin_and_gives_more(found):
     rng, better = np.random.default_rng(1), 0
-    for s, force in rng.uniform((0.25, 4.5), (0.42, 5.5), size=(200, 2)).tolist():
+    for s, force in rng.uniform((0.25, 4.5), (0.42, 5.5), size=(80, 2)).tolist():
         model = found.orbit.model.replace(s=s, A=force)
         for orbit in ci.find_orbits(model, "2:1", starts=32, rounds=1):
             power = orbit.mean("U**2", per_time=True, harvester=ci.Membrane()).value

@@ -32,6 +32,9 @@ SCENE = {
 }
 
 
+FEW_ROWS = {"numerics": {"max_step": 0.4}}
+
+
 @pytest.fixture(scope="module")
 def diagram():
     return ci.follow(SCENE)
@@ -113,7 +116,8 @@ def test_stretches_of_small_margins_are_shaded(diagram):
 
 @pytest.mark.full
 def test_a_run_draws_what_the_scene_asks_for(tmp_path, capsys):
-    file = written({**SCENE, "plot": {**SCENE["plot"], "formats": ["svg"]}}, tmp_path / "s.toml")
+    given = {**SCENE, **FEW_ROWS, "plot": {**SCENE["plot"], "formats": ["svg"]}}
+    file = written(given, tmp_path / "s.toml")
     from contimpact.cli import main
 
     assert main(["run", file, "-o", str(tmp_path / "out"), "-q"]) == 0
@@ -127,7 +131,7 @@ def test_an_interruption_keeps_what_was_found():
         if text == "margins along b2":
             raise KeyboardInterrupt
 
-    found = ci.follow(SCENE, progress=tell)
+    found = ci.follow({**SCENE, **FEW_ROWS}, progress=tell)
     assert found.statistics["failure"] == "interrupted"
     assert ["margin" in branch.columns for branch in found.branches][:2] == [True, False]
 
@@ -183,7 +187,7 @@ def test_the_largest_mean_of_an_output_is_a_quantity_of_studies(tmp_path):
     given["follow"] = {**SCENE["follow"], "range": [0.25, 0.4], "orbits": ["2:1"]}
     given["model"] = {"system": "impact-pair", "parameters": {"beta": "pi/6", "s": 0.34}}
     study = {"keep": ["tables"], "grid": {"r": [0.28, 0.3], "A": [5.0, 5.1]}}
-    for name, kept in (("s", study), ("none", {**study, "keep": []})):
+    for name, kept in (("s", study), ("none", {"keep": [], "grid": {"r": [0.3], "A": [5.0]}})):
         with Store(tmp_path / f"{name}.sqlite") as store:
             run_study(read_study({**given, "study": kept}), store, processes(1))
     with Study(tmp_path / "s.sqlite") as found:

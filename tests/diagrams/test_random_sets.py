@@ -27,10 +27,10 @@ from contimpact.results.scene import read_scene
 ONCE = ("B", "T", "BB", "BT", "TT", "BBB", "BBT", "BTT", "TTT")
 WORDS = [*(f"{word}/1T" for word in ONCE), *(f"{word}/2T" for word in ONCE)]
 WORDS += [f"{word * 2}/2T" for word in ONCE]
-FEW = (1, 17, 10_020, 10_108, 10_153, 10_354)
-"""Seeds run without the marker `slow`. Of the last four one has orbits that touch in each of their
-periods, one an event on a row, one a grazing that no step leads on from, and one a doubling whose
-branch seemed to meet another one where it begins."""
+FEW = (10_020, 10_108, 10_153, 10_354)
+"""Seeds run without the marker `slow`. One has orbits that touch in each of their periods, one an
+event on a row, one a grazing that no step leads on from, and one a doubling whose branch seemed to
+meet another one where it begins."""
 
 
 def random_pair(rng):
@@ -177,7 +177,7 @@ def closes(branch):
 
 
 @pytest.mark.parametrize(
-    "seed", [*FEW, *(pytest.param(s, marks=pytest.mark.slow) for s in (6, 11))]
+    "seed", [*FEW, *(pytest.param(s, marks=pytest.mark.slow) for s in (1, 6, 11, 17))]
 )
 @pytest.mark.full
 def test_statuses_branches_and_loops(seed):

@@ -119,6 +119,11 @@ def diagram(name):
     return follow(scene(name))
 
 
+@functools.cache
+def without_survey(name):
+    return follow(dataclasses.replace(scene(name), survey=False))
+
+
 def test_the_scenes_of_the_figures_are_there():
     assert {"fig3a", "fig3b", "fig3c", "fig3d", "fig7", "fig8", "stop"} <= set(NAMES)
 
@@ -280,7 +285,7 @@ def test_critical_values_of_the_figures(name, values):
     low, high = scene(name).plot.xlim
     found = {
         (entry.notation, entry.label): entry.parameters["d"]
-        for entry in follow(dataclasses.replace(scene(name), survey=False)).entries
+        for entry in without_survey(name).entries
         if entry.notation in ("1:1", "2:1") and low <= entry.parameters["d"] <= high
     }
     assert found.keys() == values.keys()
@@ -305,8 +310,7 @@ def test_critical_values_do_not_depend_on_the_step(name, values, max_step):
 @pytest.mark.full
 def test_the_survey_of_fig8_finds_the_second_family():
     """And adds to what follows from the 1:1 orbit, of which it changes nothing."""
-    found = diagram("fig8")
-    plain = follow(dataclasses.replace(scene("fig8"), survey=False))
+    found, plain = diagram("fig8"), without_survey("fig8")
     same = [(e.id, e.label, e.value) for e in found.entries[: len(plain.entries)]]
     assert same == [(e.id, e.label, e.value) for e in plain.entries]
     folds = [e for e in found.entries if (e.notation, e.kind) == ("2:1", "FB")]

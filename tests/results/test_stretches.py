@@ -22,7 +22,9 @@ from contimpact.results.diagram_reading import read, stable_intervals, unknown_i
 from contimpact.results.scene import load_scene
 from contimpact.systems.impact_pair import ImpactPair
 
-QUICK = ["fig3a", "fig7", "stop", "bouncing_ball"]
+TIERS = {"fig3a": pytest.mark.full, "fig7": pytest.mark.full, "stop": (), "bouncing_ball": ()}
+"""Marks of scenes that are not slow."""
+
 SCENES = sorted(path.parent.name for path in (ROOT / "branches").glob("*/scene.toml"))
 
 
@@ -159,7 +161,7 @@ def test_files_without_the_orbit_between_say_that_its_status_is_unknown(three):
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=[] if n in QUICK else pytest.mark.slow) for n in SCENES]
+    "name", [pytest.param(n, marks=TIERS.get(n, pytest.mark.slow)) for n in SCENES]
 )
 def test_every_drawn_stretch_has_the_status_of_an_orbit_in_its_middle(name):
     scene = of_all_kinds(name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -52,9 +53,20 @@ def length(orbit):
     return 0.1 if isinstance(orbit.model, Oscillator) else 0.6
 
 
+@pytest.fixture(scope="module")
+def grown(orbit, length):
+    """``grown(stable)``, each manifold of an orbit once."""
+
+    @functools.cache
+    def grow(stable):
+        return grow_manifold(orbit, stable=stable, length=length, spacing=length / 150.0)
+
+    return grow
+
+
 @pytest.fixture(scope="module", params=[False, True], ids=["unstable", "stable"])
-def manifold(request, orbit, length):
-    return grow_manifold(orbit, stable=request.param, length=length, spacing=length / 150.0)
+def manifold(request, grown):
+    return grown(request.param)
 
 
 def test_points_are_as_dense_and_the_curve_as_long_as_asked_for(manifold, length):
@@ -82,9 +94,9 @@ def test_the_expansion_is_of_second_order(orbit):
 
 
 @pytest.mark.full
-def test_simulated_motion_leaves_along_the_unstable_manifold(orbit, length):
+def test_simulated_motion_leaves_along_the_unstable_manifold(orbit, length, grown):
     """From 1e-7 beside the orbit, along its tangent."""
-    found = grow_manifold(orbit, length=length, spacing=length / 150.0)
+    found = grown(False)
     grower, simulator = found.grower, Simulator(orbit.model)
     rng, far = np.random.default_rng(1), []
     while len(far) < 8:
