@@ -18,10 +18,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import sympy
-from sympy import Add, Basic, Mul, Pow, S
-from sympy.core.mul import _keep_coeff
+from sympy import Add, Mul, Pow, S
 from sympy.printing.pycode import PythonCodePrinter
-from sympy.simplify.cse_opts import sub_post, sub_pre
 
 from ..errors import InputError
 from ..models.equations import Departure, combine_rows, equations_of, state_symbols
@@ -306,34 +304,6 @@ def print_steps(
     return lines, [printer.doprint(e.xreplace(names)) for e in values]
 
 
-@functools.lru_cache(4096)
-def factor_terms(e: Any) -> Any:
-    """``sympy.factor_terms(e)``, each part once: derivatives of one flight share most of theirs."""
-    if not isinstance(e, Basic) or e.is_Atom:
-        return e
-    if e.is_Pow or e.is_Function or not hasattr(e, "args_cnc"):
-        parts = tuple(map(factor_terms, e.args))
-        return e if parts == e.args else e.func(*parts)
-    content, rest = e.as_content_primitive(clear=False)
-    if rest.is_Add:
-        terms = [factor_terms(term) for term in Add.make_args(rest)]
-        if all(t.as_coeff_Mul()[0].extract_multiplicatively(-1) is not None for t in terms):
-            content, terms = -content, [-t for t in terms]
-        held = {}
-        for i, term in enumerate(terms):
-            exponent = term.as_base_exp()[1]
-            if exponent.is_Mul and exponent != Mul(*exponent.args):
-                terms[i] = sympy.Dummy()
-                held[terms[i]] = term
-        joined = sympy.gcd_terms(
-            Add._from_args(terms), isprimitive=True, clear=False, fraction=False
-        )
-        rest = joined.xreplace(held)
-    elif rest.args:
-        rest = rest.func(*map(factor_terms, rest.args))
-    return _keep_coeff(content, rest, clear=False, sign=True)
-
-
 def share_steps(expressions: Sequence[Any], letter: str) -> tuple[list[tuple[Any, Any]], list[Any]]:
     """Expressions by the steps that they have in common, named by a letter.
 
@@ -343,7 +313,7 @@ def share_steps(expressions: Sequence[Any], letter: str) -> tuple[list[tuple[Any
     """
     symbols = (primed_symbol(f"{letter}{i}") for i in itertools.count())
     linear = any(e.has(MeanFlow, EndFlow) for e in expressions)
-    factored = None if linear else [(sub_pre, sub_post), (factor_terms, None)]
+    factored = None if linear else "basic"
     calls = sorted(set().union(*(e.atoms(Flown) for e in expressions)), key=str)
     given = [e for e in dict.fromkeys(a for call in calls for a in call.args[4:]) if not e.is_Atom]
     held = {e: primed_symbol(f"held{i}") for i, e in enumerate(given)}
