@@ -98,7 +98,7 @@ def path_by_series(field: str) -> BySeries:
 
 
 def _by_series(writer: Writer, name: str, text: str, *called: Callable[..., object]) -> BySeries:
-    stride = writer.rows * writer.width
+    stride = writer.stride
     numbers = {"STRIDE": stride, "MOST_STEPS": MOST_STEPS, "ORDER": ORDER}
 
     def with_numbers(text: str) -> str:
