@@ -614,6 +614,7 @@ class IntegratedCurve:
         self._steps = np.diff(times)
         self._position, self._velocity = position, velocity
         self._pieces: dict[int, list[tuple[float, float, float]]] = {}
+        self._found: dict[float, tuple[float, float, float]] = {}
 
     @functools.cached_property
     def _acceleration(self) -> Array:
@@ -631,11 +632,14 @@ class IntegratedCurve:
 
     def __call__(self, head: Vector, dt: float, values: Vector) -> tuple[float, float, float]:
         """Return position, velocity and acceleration; see `flight.Motion`."""
+        if dt in self._found:  # its ends are asked for again and again
+            return self._found[dt]
         k = min(max(bisect_right(self.times, dt) - 1, 0), self.last)
         s = (dt - self.times[k]) / (self.times[k + 1] - self.times[k])
         x = v = a = 0.0
         for b, c, d in self._piece(k):
             x, v, a = x * s + b, v * s + c, a * s + d
+        self._found[dt] = x, v, a
         return x, v, a
 
     def bounds(self) -> tuple[float, float]:
