@@ -323,6 +323,19 @@ def test_integrating_imports_no_sympy():
     subprocess.run([sys.executable, "-c", text], check=True)
 
 
+def test_multipliers_import_one_routine():
+    """scipy.linalg imports much more; it has the same routine when it is imported later."""
+    text = (
+        "import sys; import numpy as np; "
+        "from contimpact.orbits.multipliers import pencil_multipliers; "
+        "found = pencil_multipliers(np.diag([2.0, 3.0, 4.0]), -np.eye(3)); "
+        "assert np.allclose(found, [4.0, 3.0, 2.0]); "
+        "assert 'scipy.linalg' not in sys.modules and 'numpy.f2py' not in sys.modules; "
+        "from scipy.linalg import eigvals; assert np.allclose(eigvals(np.eye(3)), 1.0)"
+    )
+    subprocess.run([sys.executable, "-c", text], check=True)
+
+
 @pytest.mark.parametrize("laps", [1, 4])
 def test_second_derivatives_are_of_the_unknowns_at_a_flights_ends(laps):
     """Along all unknowns in turn: five for each flight, whatever the others. They are not evaluated

@@ -14,9 +14,15 @@ Linear Algebra Appl. 2001).
 
 from __future__ import annotations
 
+import contextlib
+import functools
+import importlib.machinery
+import importlib.util
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -305,8 +311,6 @@ def _stability_of_any_size(start: Array, end: Array) -> Stability:
 def pencil_multipliers(p: Array, q: Array) -> Array:
     """Return the values of mu at which P + mu Q is singular, in their order, for pencils of shape
     (..., m, m); NaN for those that are not finite."""
-    from scipy.linalg.lapack import dggev
-
     # unknowns in units that lie far apart, as nanoseconds and metres per second do, would be
     # rounded beside the largest; powers of two change no digit
     sizes = np.maximum(np.max(np.abs(p), axis=-2), np.max(np.abs(q), axis=-2))
@@ -315,7 +319,7 @@ def pencil_multipliers(p: Array, q: Array) -> Array:
     one, other = (np.reshape(part * scales[..., None, :], (-1, m, m)) for part in (p, q))
     real, imaginary, below = (np.full((len(one), m), np.nan) for _ in range(3))
     for i in np.flatnonzero(np.isfinite(one).all((1, 2)) & np.isfinite(other).all((1, 2))).tolist():
-        found = dggev(one[i], -other[i], 0, 0)  # eigvals takes five times longer
+        found = _lapack().dggev(one[i], -other[i], 0, 0)  # eigvals takes five times longer
         if found[-1]:
             raise np.linalg.LinAlgError("eigenvalues of a pencil did not converge")
         real[i], imaginary[i], below[i] = found[:3]
@@ -325,6 +329,25 @@ def pencil_multipliers(p: Array, q: Array) -> Array:
     rows, upper = np.nonzero(imaginary > 0.0)
     values[rows, upper + 1] = values[rows, upper].conj()  # but for rounding, they are
     return order_multipliers(values).reshape(shape)
+
+
+@functools.cache
+def _lapack() -> Any:
+    """SciPy's routines of LAPACK, without the rest of scipy.linalg if that can be left out.
+
+    It imports much that nobody asks for here, which takes longer than many a branch.
+    """
+    name = "scipy.linalg._flapack"
+    if "scipy.linalg" not in sys.modules:
+        folders = [f"{folder}/linalg" for folder in importlib.import_module("scipy").__path__]
+        found = importlib.machinery.PathFinder.find_spec(name, folders)
+        if found is not None and found.loader is not None:
+            with contextlib.suppress(ImportError):
+                module = importlib.util.module_from_spec(found)
+                found.loader.exec_module(module)
+                sys.modules[name] = module
+                return module
+    return importlib.import_module("scipy.linalg.lapack")
 
 
 def order_multipliers(values: Array) -> Array:

@@ -137,6 +137,10 @@ FAR = 30.0
 """Times as large as those of most starts: section coordinates at which one is given up, where
 flights are integrated, which takes the longer the faster they oscillate."""
 
+AT_REST = 1e-15
+"""Times as large as those of most starts: section coordinates with which a machine without forcing
+rests, whatever the time."""
+
 SIZES = 0.1, 1.0, 10.0
 """Sizes of section coordinates that are drawn at random."""
 
@@ -213,7 +217,9 @@ def solve_on_arrays(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
     reached: list[Array] = []
     origins: list[Array] = []
     integrated = any(problem.kernels.flown(*kind) for kind in problem.kinds)
-    far = _far_size(z) if integrated else math.inf
+    typical = _typical_size(z)
+    far = FAR * typical if integrated else math.inf
+    near = AT_REST * typical if problem.autonomous and typical < math.inf else 0.0
     astray, shrunk, last = np.zeros(count, dtype=int), np.zeros(count, dtype=int), np.ones(count)
     for _ in range(ITERATIONS):
         residual, jacobian = _evaluate_all(problem, z)
@@ -230,8 +236,10 @@ def solve_on_arrays(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
         done = (np.abs(step[:, 1:]) / units[0]).max(axis=(0, 1)) < SETTLED
         done &= np.abs(step[:, 0]).max(axis=0) < SETTLED * units[1]
         if done.any():
-            reached.append((z + step)[..., done])
-            origins.append(origin[done])
+            ended = (z + step)[..., done]
+            moving = _sizes(ended) >= near
+            reached.append(ended[..., moving])
+            origins.append(origin[done][moving])
             z, step, origin = z[..., ~done], step[..., ~done], origin[~done]
         part = shortening(problem, z, step, period)
         z = z + step * part
@@ -250,11 +258,12 @@ def solve_on_arrays(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
     return np.insert(solutions, n * m, value, axis=1), np.concatenate(origins)
 
 
-def _far_size(z: Array) -> float:
-    """The size of section coordinates at which starts are given up."""
+def _typical_size(z: Array) -> float:
+    """The median size of section coordinates other than zero; infinite if there are none."""
     sizes = _sizes(z)
-    known = sizes[np.isfinite(sizes) & (sizes > 0.0)]
-    return FAR * float(np.median(known)) if len(known) else math.inf
+    known = np.sort(sizes[np.isfinite(sizes) & (sizes > 0.0)])
+    middle = known[(len(known) - 1) // 2 : len(known) // 2 + 1]  # np.median imports numpy.ma
+    return float(np.mean(middle)) if len(known) else math.inf
 
 
 def _sizes(z: Array) -> Array:

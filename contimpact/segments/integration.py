@@ -424,7 +424,8 @@ class BatchIntegrator(Integrator):
 
     def __init__(self, field: str, directions: tuple[str, ...]) -> None:
         super().__init__(field, directions, 0, 0)
-        self.field, self.lanes = field, self._state.shape[1]
+        self.lanes = self._state.shape[1]
+        self._going = {*self._stepped, self.hy.taylor_outcome.step_limit}
 
     def _compiled(self, system: list[Any]) -> Any:
         blank = np.zeros((len(system), self.hy.recommended_simd_size()))
@@ -433,38 +434,50 @@ class BatchIntegrator(Integrator):
     def each(self, rows: Array) -> Array:
         """Return what an `Integrator` does for each row of the numbers of `Statement.names`.
 
-        Flights of like duration are integrated together. One that ceases to be finite stops those
-        beside it; then they are integrated one by one.
+        Where one flight ends, another takes its place, the longest first.
         """
         found = np.full((len(rows), len(self._rows)), np.nan)
         usable = np.flatnonzero(np.all(np.isfinite(rows), axis=1))
-        alike = usable[np.argsort(np.abs(rows[usable, 0]), kind="stable")]
-        for first in range(0, len(alike), self.lanes):
-            lanes = alike[first : first + self.lanes]
-            together = self._side_by_side(rows[lanes])
-            if together is None:
-                together = integrator(self.field, self.directions).each(rows[lanes])
-            found[lanes] = together
+        waiting = usable[np.argsort(np.abs(rows[usable, 0]), kind="stable")].tolist()
+        inside, steps, left = [-1] * self.lanes, [0] * self.lanes, MOST_STEPS
+        times = np.zeros(self.lanes)
+        self._given[:] = self._state[:] = 0.0  # lanes without a flight have one of no duration
+        while most := _allowed(AT_ONCE if waiting else SOME_STEPS):
+            for lane in (k for k, row in enumerate(inside) if row < 0 and waiting):
+                inside[lane], steps[lane] = waiting.pop(), 0
+                self._put(lane, rows[inside[lane]])
+            if max(inside) < 0:
+                break
+            self._adaptive.set_time(times)
+            self._adaptive.propagate_until(1.0, max_steps=most)
+            times = self._adaptive.time.copy()
+            for lane, (said, _, _, taken) in enumerate(self._adaptive.propagate_res):
+                _charge(taken)
+                steps[lane] += taken
+                lost = said not in self._going or steps[lane] > max(left, SOME_STEPS)
+                if inside[lane] >= 0 and (lost or times[lane] == 1.0):
+                    if lost:
+                        left -= steps[lane]
+                    else:
+                        found[inside[lane]] = self._state[self._rows[:, 0], lane] / SCALE
+                    inside[lane], self._given[:, lane], self._state[:, lane] = -1, 0.0, 0.0
+                if inside[lane] < 0:
+                    times[lane] = 0.0
         return found
 
-    def _side_by_side(self, rows: Array) -> Array | None:
-        """The same of as many flights as there are lanes, or fewer; None where one does not end."""
-        given = rows[np.arange(self.lanes) % len(rows)]
-        given[len(rows) :, 0] = 0.0
+    def _put(self, lane: int, row: Array) -> None:
+        """Begin a flight in a lane."""
         d = self.stated.freedom
-        self._given[:] = given[:, : self._used].T
-        self._adaptive.set_time(0.0)
-        self._state[:] = 0.0
-        for i, speeds in enumerate(given[:, 2 + d : 2 + 2 * d].T):
-            self._state[self._places[f"w{i}", "", 0]] = speeds * SCALE
+        self._given[:, lane] = row[: self._used]
+        for i, speed in enumerate(row[2 + d : 2 + 2 * d]):
+            self._state[self._places[f"w{i}", "", 0], lane] = speed * SCALE
             place = self._places.get((f"w{i}", f"v{i}", 0))
             if place is not None:
-                self._state[place] = SCALE
-        self._adaptive.propagate_until(1.0, max_steps=max(_allowed(MOST_STEPS), 1))
-        _charge(sum(said[3] for said in self._adaptive.propagate_res))
-        if not all(said[0] in self._arrived for said in self._adaptive.propagate_res):
-            return None
-        return np.asarray(self._state[self._rows[:, 0]].T[: len(rows)] / SCALE)
+                self._state[place, lane] = SCALE
+
+
+AT_ONCE = 64
+"""Steps that flights take side by side before others take the places of those that have ended."""
 
 
 @functools.cache
@@ -601,6 +614,7 @@ class IntegratedCurve:
         self._steps = np.diff(times)
         self._position, self._velocity = position, velocity
         self._pieces: dict[int, list[tuple[float, float, float]]] = {}
+        self._found: dict[float, tuple[float, float, float]] = {}
 
     @functools.cached_property
     def _acceleration(self) -> Array:
@@ -618,11 +632,14 @@ class IntegratedCurve:
 
     def __call__(self, head: Vector, dt: float, values: Vector) -> tuple[float, float, float]:
         """Return position, velocity and acceleration; see `flight.Motion`."""
+        if dt in self._found:  # its ends are asked for again and again
+            return self._found[dt]
         k = min(max(bisect_right(self.times, dt) - 1, 0), self.last)
         s = (dt - self.times[k]) / (self.times[k + 1] - self.times[k])
         x = v = a = 0.0
         for b, c, d in self._piece(k):
             x, v, a = x * s + b, v * s + c, a * s + d
+        self._found[dt] = x, v, a
         return x, v, a
 
     def bounds(self) -> tuple[float, float]:

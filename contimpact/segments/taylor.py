@@ -1,8 +1,9 @@
 """Integrated flights in compiled programs: Taylor's method in the plain subset of Python.
 
 What `integration` has heyoka do, for one field and for derivatives by some directions: the same
-equations, order and steps, so that results differ by rounding alone. `taylor_text` writes the text
-for a field; here are the functions that it calls, and the kernels that call it.
+equations but for derivatives by the duration, order and steps, so that results differ by rounding
+alone. `taylor_text` writes the text for a field; here are the functions that it calls, and the
+kernels that call it.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from ..arrays import Table, Vector
 from ..syntax import parse
 from .arithmetic import Kernel, kernel_of
 from .compiling import load, mode, timed_plainly
-from .integration import MOST_STEPS, SCALE, flown_of_series, is_limited, statement
+from .integration import KEPT, MOST_STEPS, SCALE, flown_of_series, is_limited, statement
 from .oscillation import (
     COEFFICIENTS,
     DEGREE,
@@ -98,7 +99,7 @@ def path_by_series(field: str) -> BySeries:
 
 
 def _by_series(writer: Writer, name: str, text: str, *called: Callable[..., object]) -> BySeries:
-    stride = writer.rows * writer.width
+    stride = writer.stride
     numbers = {"STRIDE": stride, "MOST_STEPS": MOST_STEPS, "ORDER": ORDER}
 
     def with_numbers(text: str) -> str:
@@ -176,6 +177,7 @@ def entry(x, space, out):
 # Kernels that integrate, as they are compiled: with scratch space as a last argument.
 
 
+@functools.lru_cache(KEPT)
 def flight_kernel(kernel: Kernel) -> BySeries:
     """Return a kernel whose calls of `integration.flown` are replaced by functions of plain text.
 
@@ -192,6 +194,7 @@ def flight_kernel(kernel: Kernel) -> BySeries:
     return _kernel_with(kernel, function, ["space"], called, space)
 
 
+@functools.lru_cache(KEPT)
 def path_kernel(kernel: Kernel) -> BySeries:
     """Return the kernel ``field`` of a wall as a function of what the kernel takes, the flight's
     duration and what `path_by_series` takes, which fills in the pieces of the flight."""

@@ -47,11 +47,20 @@ class Writer:
     linear in the time has them at the start of each step, ``c7_0``, and as rates, ``r7_0``. For
     derivatives `along` a direction of all that a flight depends on, each row has those of the
     quantity and of its derivatives behind these.
+
+    Derivatives by the duration are not integrated: where v' = D f, that of the velocity is s f.
+    Nor are those by what no acceleration mentions, which are zero.
     """
 
-    def __init__(self, field: str, directions: tuple[str, ...], along: bool = False) -> None:
-        self.field, self.stated, self.directions = field, statement(field), directions
-        self.freedom = self.stated.freedom
+    def __init__(self, field: str, asked: tuple[str, ...], along: bool = False) -> None:
+        self.field, self.stated, self.asked = field, statement(field), asked
+        self.freedom = d = self.stated.freedom
+        trees = map(parse_expression, self.stated.accelerations)
+        matter = {
+            node.id for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Name)
+        }
+        matter |= {f"v{i}" for i in range(d)}
+        self.directions = directions = tuple(name for name in asked if name in matter)
         singles = [frozenset[str](), *(frozenset({name}) for name in directions)]
         self.parts = singles + [part | {ALONG} for part in singles] if along else singles
         self.along = frozenset({len(singles)}) if along else NOTHING
@@ -61,12 +70,21 @@ class Writer:
         self.each_step: list[str] = []
         self.each_order: list[str] = []
         self.known: dict[tuple[object, ...], Quantity] = {}
-        self.rows = 2 * self.freedom
         self.count = 0
+        self.stride = 0
+        """Numbers of a vector: those of the state, and of all other rows."""
         self.helpers: dict[str, str] = {}
-        every, d = frozenset(range(1, self.width)), self.freedom
-        rows = [Quantity(GENERAL, every, str(self.width * i)) for i in range(2 * d)]
+        every = frozenset(range(1, self.width))
+        rows = [self.new_row(every) for _ in range(2 * d)]
         self.means, self.speeds = rows[:d], rows[d:]
+        sides = (0, *self.along) if "dt" in asked else ()
+        self.by_duration = {
+            (i, j): self.stride + 2 * d * n + i for n, j in enumerate(sides) for i in range(2 * d)
+        }
+        """Places of the derivatives of the state by the duration."""
+        self.stride += len(self.by_duration)
+        self.state = [f"s{i}" for i in range(self.stride)]
+        """Names of the numbers of the state at the end of a step."""
         names = self.stated.names
         self.given = {name: f"g{i}" for i, name in enumerate(names)}
         self.variables = {name: self.number(self.given[name], name) for name in names}
@@ -83,8 +101,8 @@ class Writer:
         return str(self.count)
 
     def new_row(self, by: frozenset[int]) -> Quantity:
-        self.rows += 1
-        return Quantity(GENERAL, by, str(self.width * (self.rows - 1)))
+        self.stride += self.width
+        return Quantity(GENERAL, by, str(self.stride - self.width))
 
     def new_quantity(self, degree: int, by: frozenset[int]) -> Quantity:
         return self.new_row(by) if degree == GENERAL else Quantity(degree, by, self.new())
@@ -450,26 +468,34 @@ class Writer:
 
     def push(self) -> None:
         """Write the next coefficients of mean velocities and velocities."""
-        length, state = self.start["dt"], (self.means, self.speeds)
-        for mean, speed, text in zip(*state, self.stated.accelerations, strict=True):
+        length = self.start["dt"]
+        for i, text in enumerate(self.stated.accelerations):
+            mean, speed = self.means[i], self.speeds[i]
             force = self.general(self.expression(parse_expression(text)))
             for j in range(self.width):
                 self.each_order.append(f"n[{int(mean.place) + j}] = {self.at(speed, j)} / (k + 1)")
                 text = self.scaled(length, force, j, self.at) or "0.0"
                 self.each_order.append(f"n[{int(speed.place) + j}] = ({text}) / (k + 1)")
+            for j in (j for k, j in self.by_duration if k == i):
+                u, v = self.by_duration[i, j], self.by_duration[self.freedom + i, j]
+                pushed = self.at(force, j)
+                self.each_order += [
+                    f"r[{v}] = (r[{v}] if k > 0 else 0.0) + at * {pushed}",
+                    f"n[{v}] = {pushed}",
+                    f"n[{u}] = r[{v}] / (k + 1)",
+                ]
 
     def flight(self, name: str) -> str:
         """Return the text of a function that returns what `integration.flown` does; where there
         are second derivatives, the same of these behind it."""
         self.push()
-        sums = self.state
         wanted = [
-            sums[int(x.place) + j]
-            for j in range(self.width)
-            for quantities in (self.means, self.speeds)
-            for x in quantities
+            self.found(i, name, side)
+            for side in (0, *self.along)
+            for name in ("", *self.asked)
+            for i in range(2 * self.freedom)
         ]
-        found, none = (f"return ({', '.join(one)})" for one in (wanted, ["nan"] * len(sums)))
+        found, none = (f"return ({', '.join(one)})" for one in (wanted, ["nan"] * len(wanted)))
         slopes = [given.replace("g", "e") for given in self.given.values()] if self.along else []
         return self.loop(name, ", ".join([*slopes, "w"]), [], found, none)
 
@@ -486,10 +512,15 @@ class Writer:
         self.once += ["made = 0", "begin_path(count, way)"]
         return self.loop(name, "w, weights, count, way", lines, "return made", "return -1")
 
-    @property
-    def state(self) -> list[str]:
-        """The names of the numbers of the state at the end of a step."""
-        return [f"s{i}" for i in range(2 * self.freedom * self.width)]
+    def found(self, i: int, name: str, side: int) -> str:
+        """A number of the state at the end of a step, or its derivative by a direction, and that
+        along the direction of second derivatives."""
+        if name == "dt":
+            return self.state[self.by_duration[i, side]]
+        if name and name not in self.directions:
+            return "0.0"
+        j = self.directions.index(name) + 1 if name else 0
+        return self.state[self.width * i + j + side]
 
     def loop(self, name: str, more: str, each: list[str], arrived: str, failed: str) -> str:
         """The text of a function that takes steps, with lines for each of them, and for when the

@@ -635,3 +635,15 @@ def test_nonlinear_orbits_are_found_in_any_units(word, per_second, per_metre, mo
     here, long = found(w, length), len(split)
     np.testing.assert_allclose(here, found(1.0, 1.0), rtol=1e-13)
     assert abs(long - (len(split) - long)) <= 3
+
+
+def test_starts_that_lead_to_rest_are_no_orbits(monkeypatch):
+    """Most starts lead to the focus, where the time between impacts is any; none is refined."""
+    pytest.importorskip("heyoka")
+    text = (Path(__file__).parents[2] / "branches/coco_piecewise/scene.toml").read_text("utf-8")
+    scene = tomllib.loads(text)
+    model, tried = read_scene(scene).model, []
+    monkeypatch.setattr(search, "solve_near", lambda *given: tried.append(given[1]))
+    search.search(model, "LR", "be", starts=32, rounds=1)
+    sizes = [np.max(np.abs(unknowns[:8].reshape(2, 4)[:, 1:])) for unknowns in tried]
+    assert min(sizes, default=1.0) > 1e-12

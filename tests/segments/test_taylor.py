@@ -134,6 +134,15 @@ def test_flights_that_do_not_stay_finite_or_take_too_many_steps_are_no_number(mo
     assert all(np.isnan(limited.function(*given, blank(limited))))
 
 
+def test_what_is_known_already_is_not_integrated():
+    """Derivatives by the duration take two numbers of each order; those by nothing, none."""
+    alone, more, nothing = (
+        flight_by_series("a: -x0**3", names).space for names in ("v0", "dt v0", "dt t v0 a")
+    )
+    assert more - alone == 2 * (DEGREE + 1)
+    assert nothing == more
+
+
 def test_what_has_no_series_is_refused():
     with pytest.raises(NotImplementedError, match="abs"):
         flight_by_series("a: -a*abs(x0)", "")
