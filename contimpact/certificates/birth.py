@@ -100,7 +100,7 @@ class Birth:
 
     def meets(self, next_one: Tube) -> bool:
         """Whether the branch's point at the beginning of the next tube is on the curve."""
-        node, offsets = self.segment.last.unknowns.tolist(), balls_around_zero(next_one.ends[0])
+        node, offsets = self.segment.last.unknowns.tolist(), balls_around_zero(next_one.end(-1))
         return self.holds([arb(x) + w for x, w in zip(node, offsets, strict=True)])
 
     def holds(self, z: Balls) -> bool:
@@ -268,8 +268,8 @@ class _Expansion:
 #
 # Both test the hyperplane through the node to which the branch's direction there is normal, and
 # each holds one orbit in it. That of a tube is in the other one's box if a bound of its distance
-# from the node says so. That bound comes from the whole tube, and is too wide where branches cross
-# nearby: then an orbit is proven to lie near the node by Krawczyk's test there alone, in both
+# from the node says so, of the whole tube or at the node. Where branches cross nearby both are too
+# wide: then an orbit is proven to lie near the node by Krawczyk's test there alone, in both
 # boxes.
 
 
@@ -277,7 +277,9 @@ def meet(one: Tube | Birth, other: Tube) -> bool:
     """Return whether a tube is proven to hold the same orbit as the next one, where they meet."""
     if isinstance(one, Birth):
         return one.meets(other)
-    if (one.ends[1] < other.box).all() or (other.ends[0] < one.box).all():
+    if (one.inner < other.box).all() or (other.inner < one.box).all():
+        return True
+    if (one.end(1) < other.box).all() or (other.end(-1) < one.box).all():
         return True
     near = _orbit_near(one.segment, one.segment.last)
     places = one.segment.last.unknowns.tolist()

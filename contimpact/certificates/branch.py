@@ -58,7 +58,7 @@ from .zeros import (
 
 # What the tubes of a branch are searched for: every zero in them has to be an entry.
 
-BITS = 80
+BITS = 64
 """Precision of tubes, whose widths are far above rounding."""
 DEEPEST = 6
 """How often a tube is halved on which something stays open."""

@@ -110,14 +110,14 @@ WIDTHS = (1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
 """Radii of boxes tried, relative, the widest first: the wider, the more the uniqueness says."""
 
 
-def refine_zero(space: BallProblem, system: Function, guess: Sequence[float]) -> Balls | None:
-    """Return a zero to the digits of the context, by Newton's iteration; nothing is proven by it.
+def refine_zero(system: Function, guess: Sequence[float], inverse: Any) -> Balls | None:
+    """Return a zero to the digits of the context, by Newton's iteration with a matrix near the
+    inverse of the Jacobian; nothing is proven by it.
 
     None where the iteration does not converge.
     """
     x, before = [arb(value) for value in guess], arb(1)
-    inverse = preconditioner(space, system, x)
-    for _ in range(STEPS if inverse is not None else 0):
+    for _ in range(STEPS):
         step = (inverse * column([f.mid() for f in system(x)])).entries()
         if not all(s.is_finite() for s in step):
             return None
@@ -131,28 +131,35 @@ def refine_zero(space: BallProblem, system: Function, guess: Sequence[float]) ->
 
 def preconditioner(space: BallProblem, system: Function, x: Balls) -> Any:
     """Return the inverse of the Jacobian in doubles, as an exact matrix; None without one."""
-    matrix = to_doubles(space.linearised(system, [value.mid() for value in x]))
+    return inverse_of(space.linearised(system, [value.mid() for value in x]))
+
+
+def inverse_of(matrix: Any) -> Any:
+    """Return the inverse of a matrix's midpoint, in doubles, as an exact matrix; None without
+    one."""
+    middle = np.array([[float(x.mid()) for x in row] for row in matrix.tolist()])
     try:
-        inverse = np.linalg.inv(matrix)
+        inverse = np.linalg.inv(middle)
     except np.linalg.LinAlgError:
         return None
     return arb_mat(inverse.tolist()) if np.isfinite(inverse).all() else None
 
 
-def to_doubles(matrix: Any) -> Any:
-    """Return the midpoints of an ``arb_mat``."""
-    return np.array([[float(x.mid()) for x in row] for row in matrix.tolist()])
+def krawczyk(
+    space: BallProblem, system: Function, box: Balls, inverse: Any = None, jacobian: Any = None
+) -> Balls | None:
+    """Return K for a box, if the test proves exactly one zero in it, else None.
 
-
-def krawczyk(space: BallProblem, system: Function, box: Balls, inverse: Any = None) -> Balls | None:
-    """Return K for a box, if the test proves exactly one zero in it, else None; `inverse` is Y, any
-    exact matrix, by default the inverse of the Jacobian at the midpoint, in doubles."""
+    `inverse` is Y, any exact matrix, by default the inverse of the Jacobian at the midpoint, in
+    doubles; `jacobian` encloses the Jacobian on a box that holds this one, if that is known.
+    """
     middle = [value.mid() for value in box]
     inverse = preconditioner(space, system, middle) if inverse is None else inverse
     if inverse is None:
         return None
     offset = column([b - m for b, m in zip(box, middle, strict=True)])
-    defect = _identity(len(box)) - inverse * space.linearised(system, box)
+    jacobian = space.linearised(system, box) if jacobian is None else jacobian
+    defect = _identity(len(box)) - inverse * jacobian
     change = (defect * offset - inverse * column(system(middle))).entries()
     image = [m + c for m, c in zip(middle, change, strict=True)]
     inside = (b.contains_interior(i) for b, i in zip(box, image, strict=True))
@@ -172,17 +179,23 @@ def prove_zero(
 ) -> tuple[Balls, Balls] | None:
     """Return a box with exactly one zero around a guess, and a small one that holds the zero.
 
-    The box holds the guess. None where the test fails.
+    The box holds the guess. None where the test fails. One enclosure of the Jacobian, on the box,
+    serves for all: its midpoint is inverted, and smaller boxes lie in it.
     """
-    found = refine_zero(space, system, guess)
-    if found is None:
-        return None
-    inverse = preconditioner(space, system, found)
+    x, found = [arb(value) for value in guess], None
     for width in WIDTHS:
-        box = [_ball_around(x, g, width) for x, g in zip(found, guess, strict=True)]
-        if krawczyk(space, system, box, inverse) is not None:
-            small = _smallest(space, system, found, inverse)
-            return None if small is None else (box, small)
+        box = [_ball_around(v, g, width) for v, g in zip(x, guess, strict=True)]
+        jacobian = space.linearised(system, box)
+        inverse = inverse_of(jacobian)
+        if found is None and inverse is not None:
+            found = refine_zero(system, guess, inverse)
+        if found is None:
+            return None
+        if krawczyk(space, system, box, inverse, jacobian) is not None:
+            small = _smallest(space, system, found, box, inverse, jacobian)
+            if small is not None:
+                return box, small
+        x = found
     return None
 
 
@@ -192,15 +205,27 @@ def _ball_around(x: Any, guess: float, width: float) -> Any:
     return x + arb(0, 1) * max(float(least), width * max(1.0, abs(guess)))
 
 
-def _smallest(space: BallProblem, system: Function, x: Balls, inverse: Any) -> Balls | None:
-    """The smallest box, nearly, on which the test succeeds: again on what it gives, made wider."""
+def _smallest(
+    space: BallProblem, system: Function, x: Balls, whole: Balls, inverse: Any, jacobian: Any
+) -> Balls | None:
+    """The smallest box in another one, nearly, on which the test succeeds: again on what it gives,
+    made wider."""
     for slack in (16, 24, 32, 44):
         radius = arb(2) ** (slack - ctx.prec)
         box = [value + arb(0, 1) * radius * (1 + abs(value)) for value in x]
-        image = krawczyk(space, system, box, inverse)
-        if image is not None:
-            tight = [i.mid() + arb(0, 1) * 8 * i.rad() for i in image]
-            return tight if krawczyk(space, system, tight, inverse) is not None else box
+        if not all(w.contains(b) for w, b in zip(whole, box, strict=True)):
+            return None
+        image = krawczyk(space, system, box, inverse, jacobian)
+        if image is None:
+            continue
+        for _ in range(2):
+            tight = [i.mid() + arb(0, 1) * 4 * i.rad() for i in image]
+            inside = all(b.contains(t) for b, t in zip(box, tight, strict=True))
+            again = krawczyk(space, system, tight, inverse, jacobian) if inside else None
+            if again is None:
+                break
+            box, image = tight, again
+        return box
     return None
 
 

@@ -1,7 +1,8 @@
 r"""Tubes about branches, laid from node to node within a budget.
 
-Let p be the cubic through two points of a branch with their tangents, on -1 <= u <= 1, and l(u) the
-row that runs from one tangent to the other. A point of the branch is p(u) + w with
+Let p be a polynomial through two points of a branch with their tangents, on -1 <= u <= 1, near the
+branch between them, and l(u) the row that runs from one tangent to the other. A point of the branch
+is p(u) + w with
 
 .. math:: G(w; u) = \begin{pmatrix} F(p(u) + w) \\ l(u) \cdot w \end{pmatrix} = 0 .
 
@@ -56,14 +57,21 @@ class Budget:
 
 
 ORDER = 8
-"""Degree of the polynomials of residuals and test functions, the remainder's."""
+"""Degree of the polynomials of residuals, the remainder's."""
 ORDER_OF_BLOCKS = 6
+"""That of Jacobians and test functions."""
 DEGREE = 5
-"""Degree of the preconditioner."""
+"""Degree of the preconditioner, and of what is added to the cubic."""
+CLOSE = 1e-6
+"""Distance from the branch below which a cubic is near enough, in natural sizes."""
 FLOOR = 1e-10
 """Least size of the box W, in natural sizes of the unknowns."""
 ROOM = 2.0
 """How much larger W is than the correction it has to hold."""
+
+NODES = np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))
+FIT = np.linalg.inv(np.vander(NODES, increasing=True))
+"""Chebyshev's points, and what makes coefficients of a polynomial from its values there."""
 
 WHOLE = arb(0, 1)
 """All u of a tube."""
@@ -82,7 +90,7 @@ class Node:
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """The cubic between two nodes."""
+    """The polynomial between two nodes."""
 
     space: BallProblem
     first: Node
@@ -97,8 +105,8 @@ class Segment:
         return float(np.linalg.norm(change))
 
     @cached_property
-    def coefficients(self) -> list[list[Any]]:
-        """Of the cubic's components, exact but for the rounding of balls."""
+    def cubic(self) -> list[list[Any]]:
+        """Coefficients of the cubic through both ends, exact but for the rounding of balls."""
         half = 0.5 * self.length
         ends = (self.first.unknowns, self.last.unknowns)
         rates = (half * self.first.tangent, half * self.last.tangent)
@@ -117,6 +125,34 @@ class Segment:
         return found
 
     @cached_property
+    def sampled(self) -> tuple[Array, Array]:
+        """The inverse of J on the cubic, and Newton's step from it to the branch, at `NODES`."""
+        powers = np.vander(NODES, 4, increasing=True)
+        points = powers @ np.array([[float(c.mid()) for c in row] for row in self.cubic]).T
+        first, slope = (np.array([float(x.mid()) for x in part]) for part in self.row)
+        inverses, steps = [], []
+        for u, point in zip(NODES, points, strict=True):
+            here = self.space.problem.evaluate(point)
+            inverses.append(np.linalg.inv(np.vstack([here.jacobian, first + u * slope])))
+            steps.append(-inverses[-1][:, :-1] @ here.residual)
+        if not np.isfinite(inverses).all():
+            raise ArithmeticError("the Jacobian is singular in a tube")
+        return np.array(inverses), np.array(steps)
+
+    @cached_property
+    def curve(self) -> list[Any]:
+        """The components of p: the cubic, and (1 - u^2)^2 times what leads to the branch.
+
+        Where the cubic is close, rounding of the nodes would tell what that is.
+        """
+        if (np.abs(self.sampled[1]) < CLOSE * self.scale).all():
+            return [arb_poly(cubic) for cubic in self.cubic]
+        beside = FIT @ (self.sampled[1] / (1.0 - NODES[:, None] ** 2) ** 2)
+        factor = arb_poly([1, 0, -2, 0, 1])
+        pairs = zip(self.cubic, beside.T.tolist(), strict=True)
+        return [arb_poly(cubic) + factor * arb_poly(more) for cubic, more in pairs]
+
+    @cached_property
     def row(self) -> tuple[Balls, Balls]:
         """l(u) = row[0] + row[1] u."""
         weights = self.scale**-2
@@ -126,36 +162,23 @@ class Segment:
 
     def at(self, u: Any) -> Balls:
         """Return p(u), u a number or a ball."""
-        return [((c3 * u + c2) * u + c1) * u + c0 for c0, c1, c2, c3 in self.coefficients]
+        return [p(u) for p in self.curve]
 
     def slope(self, u: Any) -> Balls:
         """Return p'(u)."""
-        return [(3 * c3 * u + 2 * c2) * u + c1 for _, c1, c2, c3 in self.coefficients]
+        return [p.derivative()(u) for p in self.curve]
 
     def series(self, u: Any, box: Balls, length: int) -> list[Any]:
         """Return p(u + e) + w as power series in e, for w in a box."""
+        moved = arb_poly([u, 1])
         return [
-            arb_series(
-                [
-                    ((c3 * u + c2) * u + c1) * u + c0 + w,
-                    (3 * c3 * u + 2 * c2) * u + c1,
-                    3 * c3 * u + c2,
-                    c3,
-                ][:length],
-                prec=length,
-            )
-            for (c0, c1, c2, c3), w in zip(self.coefficients, box, strict=True)
+            arb_series((p(moved) + w).coeffs(), prec=length)
+            for p, w in zip(self.curve, box, strict=True)
         ]
 
     def doubles(self, u: float) -> Array:
         """Return p(u) in doubles."""
         return np.array([float(x.mid()) for x in self.at(arb(u))])
-
-    def jacobian(self, u: float) -> Array:
-        """Return J at p(u) in doubles."""
-        here = self.space.problem.evaluate(self.doubles(u))
-        row = [float((a + b * u).mid()) for a, b in zip(*self.row, strict=True)]
-        return np.vstack([here.jacobian, row])
 
 
 def preconditioner(segment: Segment) -> list[Any]:
@@ -163,13 +186,9 @@ def preconditioner(segment: Segment) -> list[Any]:
 
     Raises ArithmeticError, ValueError, numpy.linalg.LinAlgError if there is none.
     """
-    nodes = np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))
-    inverses = np.array([np.linalg.inv(segment.jacobian(float(u))) for u in nodes])
-    powers = np.linalg.inv(np.vander(nodes, increasing=True))
-    found = np.einsum("ij,jkl->ikl", powers, inverses)
-    if not np.isfinite(found).all():
-        raise ArithmeticError("the Jacobian is singular in a tube")
-    return [arb_mat(matrix.tolist()) for matrix in found]
+    return [
+        arb_mat(matrix.tolist()) for matrix in np.einsum("ij,jkl->ikl", FIT, segment.sampled[0])
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,10 +200,14 @@ class Tube:
     """W: half widths. In it the curve is the only one."""
     inner: Array
     """Half widths of the part in which it lies."""
-    ends: tuple[Array, Array]
-    """Bounds of w at both nodes."""
+    inverse: list[Any]
+    defect: Array
+    """`inverse`, `defect`: coefficients of Y, and a bound of |I - Y J| for all u."""
     rate: Array
     """Bounds of w'(u)."""
+    near: list[Flight]
+    over: list[Flight]
+    """`near`, `over`: the flights anywhere in W, as series around the middle, and around any u."""
     _models: dict[Any, Model] = field(default_factory=dict)
 
     @cached_property
@@ -196,6 +219,15 @@ class Tube:
     def rates(self) -> Balls:
         """Balls that hold w'(u)."""
         return balls_around_zero(self.rate)
+
+    def end(self, u: int) -> Array:
+        """Return a bound of w at a node: |Y G(0; u)| tells it better than what holds for all u."""
+        residual = [*self.segment.space.residual(self.segment.at(arb(u))), arb(0)]
+        inverse = self.inverse[0]
+        for j, matrix in enumerate(self.inverse[1:], start=1):
+            inverse = inverse + u**j * matrix
+        offset = range_of([inverse * arb_mat([[r] for r in residual])])
+        return bound_in(self.box, self.defect, offset)
 
     def state(self, u: Any) -> Balls:
         """Return an enclosure of the branch's point at u, a number or a ball."""
@@ -211,18 +243,9 @@ class Tube:
     def model(self, name: str, function: Callable[[list[Flight]], Any]) -> Model:
         """Return a function of the flights along the tube as a polynomial."""
         if name not in self._models:
-            self._models[name] = taylor(function(self.near), function(self.over), ORDER)
+            near, over = function(self.near), function(self.over)
+            self._models[name] = taylor(near, over, ORDER_OF_BLOCKS)
         return self._models[name]
-
-    @cached_property
-    def near(self) -> list[Flight]:
-        """The flights as series around the middle."""
-        return flights_of(self.segment, arb(0), self.around, ORDER)
-
-    @cached_property
-    def over(self) -> list[Flight]:
-        """The same around any u."""
-        return flights_of(self.segment, WHOLE, self.around, ORDER + 1)
 
 
 def flights_of(segment: Segment, u: Any, box: Balls, length: int) -> list[Flight]:
@@ -232,7 +255,8 @@ def flights_of(segment: Segment, u: Any, box: Balls, length: int) -> list[Flight
 
 def taylor(near: Any, over: Any, order: int) -> Model:
     """Return a polynomial from series around the middle and around any u."""
-    return [*(coefficient(near, j) for j in range(order)), coefficient(over, order)]
+    first = near.coeffs()[:order] if isinstance(near, arb_series) else [arb(near)]
+    return [*first, *[arb(0)] * (order - len(first)), coefficient(over, order)]
 
 
 def coefficient(number: Any, j: int) -> Any:
@@ -242,11 +266,12 @@ def coefficient(number: Any, j: int) -> Any:
     return arb(number) if j == 0 else arb(0)
 
 
-def prove_tube(segment: Segment, box: Array | None = None) -> Tube | None:
-    """Return the tube around a segment, None where the test fails; `box` is W, which is chosen by
-    default."""
+def prove_tube(segment: Segment, box: Array | None = None, widest: float = math.inf) -> Tube | None:
+    """Return the tube around a segment, None where the test fails, or the tube would be wider than
+    is asked for, in natural sizes; `box` is W, which is chosen by default."""
     try:
-        return _Test(segment).tube(box)
+        test = _Test(segment)
+        return test.tube(box) if (test.offset <= widest * segment.scale).all() else None
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         return None
 
@@ -281,16 +306,15 @@ class _Test:
             if box is None and (half > 0.1 * scale).any():
                 return None
             around = balls_around_zero(half)
-            near = flights_of(self.segment, arb(0), around, ORDER)
+            near = flights_of(self.segment, arb(0), around, ORDER_OF_BLOCKS)
             over = flights_of(self.segment, WHOLE, around, ORDER_OF_BLOCKS + 1)
             defect = self._defect(near, over)
             image = round_up(self.offset + round_up(defect @ half))
             if (image < half).all():
                 for _ in range(3):
                     image = np.minimum(image, round_up(self.offset + round_up(defect @ image)))
-                first, last = (bound_in(half, defect, self._at_node(u)) for u in (-1, 1))
                 rate = bound_in(half, defect, self._rate(half, near, over))
-                return Tube(self.segment, half, image, (first, last), rate)
+                return Tube(self.segment, half, image, self.inverse, defect, rate, near, over)
             tries[1:] = [2.0 * image] * (len(tries) - 1)
         return None
 
@@ -307,15 +331,6 @@ class _Test:
         product = _times(self.inverse, matrices)
         product[0] -= arb_mat([[int(i == j) for j in range(self.n + 1)] for i in range(self.n + 1)])
         return range_of(product).reshape(self.n + 1, self.n + 1)
-
-    def _at_node(self, u: int) -> Array:
-        """|Y G(0; u)| at a node."""
-        point = self.segment.at(arb(u))
-        residual = [*self.segment.space.residual(point), arb(0)]
-        inverse = self.inverse[0]
-        for j, matrix in enumerate(self.inverse[1:], start=1):
-            inverse = inverse + u**j * matrix
-        return range_of([inverse * arb_mat([[r] for r in residual])])
 
     def _rate(self, half: Array, near: list[Flight], over: list[Flight]) -> Array:
         """|Y (F'(p + w) p', l' w)| for all u: F'(p + w) p' is the rate of F(p(u) + w), w held."""
@@ -348,13 +363,11 @@ def _times(one: Sequence[Any], other: Sequence[Any]) -> list[Any]:
 
 def range_of(polynomial: Sequence[Any]) -> Array:
     """Return a bound of the entries of a polynomial of matrices, for all |u| <= 1."""
-    total: Any = 0.0
-    for matrix in polynomial:
-        sizes = np.array([float(abs(x).upper()) for x in matrix.entries()])
-        if not np.isfinite(sizes).all():
-            raise ArithmeticError("an enclosure is not finite")
-        total = round_up(total + round_up(sizes))
-    return np.asarray(total)
+    columns = zip(*(matrix.entries() for matrix in polynomial), strict=True)
+    found = np.array([float(sum(map(abs, column)).upper()) for column in columns])
+    if not np.isfinite(found).all():
+        raise ArithmeticError("an enclosure is not finite")
+    return np.asarray(round_up(found))
 
 
 def round_up(x: Any) -> Any:
@@ -392,10 +405,9 @@ def halve_segment(segment: Segment) -> tuple[Segment, Segment] | None:
     """Return two segments in place of one, through an orbit near its middle; None without one."""
     if segment.length < SHORTEST:
         return None
-    problem, z = segment.space.problem, segment.doubles(0.0)
-    row = np.array([float(x.mid()) for x in segment.row[0]])
-    middle = z
+    problem, row = segment.space.problem, np.array([float(x.mid()) for x in segment.row[0]])
     try:
+        middle = z = np.array([float(c[0].mid()) for c in segment.cubic])
         for _ in range(8):
             here = problem.evaluate(middle)
             matrix = np.vstack([here.jacobian, row])
@@ -476,7 +488,7 @@ def tubes_along(
             continue
         j = min(i + steps, len(nodes) - 1)
         segment = Segment(space, nodes[i], nodes[j], scale)
-        tube = prove_tube(segment)
+        tube = prove_tube(segment, widest=FINEST if j - i > 1 else math.inf)
         width = math.inf if tube is None else float(np.max(tube.inner / scale))
         if j - i > 1 and width > FINEST:
             refused = thin if doubled else math.inf

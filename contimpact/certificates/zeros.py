@@ -8,8 +8,9 @@ different signs at its ends. Other cells are cut.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -141,6 +142,8 @@ def _determinant_by_minors(rows: list[list[Any]]) -> Any:
 
 DEEPEST_TOUCH = 44
 """How often a flight and a tube are cut."""
+PARTS = list(pairwise(k / 3.0 for k in range(4)))
+"""Parts of a flight that are looked at first."""
 SELDOM = 6
 """Number of cuts after which a cell is compared with the rest of the flight."""
 SIZES = [2.0**-k for k in range(12)]
@@ -223,7 +226,10 @@ class FlightCoordinate:
     def patches(self, known: Sequence[tuple[str, float, float]]) -> Iterator[Patch]:
         """Yield the cells that may hold touches. Around each touch that is known, by (wall, u, s),
         a cell is taken first, as large as it can be and hold no other."""
-        cells = [((-1.0, 1.0), (0.0, 1.0), 0)]
+        along = (-1.0, 1.0)
+        start, end = _orbit_along(self.tube, along, True)[0][self.flight : self.flight + 2]
+        lasts = coefficient(end[0] - start[0], 0) > 0  # a flight of no duration has no parts
+        cells = [(along, part, 0) for part in (PARTS if lasts else [(0.0, 1.0)])]
         taken = [patch for one in known if (patch := self._around(*one)) is not None]
         yield from taken
         while cells:
@@ -236,11 +242,12 @@ class FlightCoordinate:
             if not wide.speed.contains(0):
                 continue
             middle = 0.5 * (along[0] + along[1])
-            mid = self.local(s.mid(), (middle, middle))
+            mid = self.local(s.mid(), (middle, middle), rates=False)
             ds, du = s - s.mid(), u - middle
-            by_s = wide.bend * wide.duration * ds
-            if not (mid.speed + by_s + wide.speed_along * du).contains(0):
+            by_s, by_u = wide.bend * wide.duration * ds, wide.speed_along * du
+            if not (mid.speed + by_s + by_u).contains(0):
                 continue
+            ds = _where_it_stops(mid.speed + by_u, wide.bend * wide.duration, ds)
             left = [
                 name
                 for name in self.met
@@ -255,7 +262,7 @@ class FlightCoordinate:
             if depth == DEEPEST_TOUCH or (alone and depth > DEEPEST_TOUCH // 2):
                 yield from (Patch(self.flight, name, along, at, alone) for name in left)
             else:
-                cells += self._cut(along, at, depth, by_s, mid.speed_along * du)
+                cells += self._cut(along, at, depth, by_s, by_u)
 
     def _around(self, wall: str, u: float, s: float) -> Patch | None:
         """The largest of some cells around a touch that holds no other."""
@@ -278,8 +285,8 @@ class FlightCoordinate:
         first, last = met.left and at[0] == 0.0, met.reached and at[1] == 1.0
         if (first or last) and bend > 0:
             return False
-        slope = -side * wide.speed * wide.duration
-        gap = mid.gap[wall] + slope * ds + wide.gap_along[wall] * du
+        slope = (mid.speed + wide.bend * mid.duration * ds / 2) * mid.duration
+        gap = mid.gap[wall] - side * slope * ds + wide.gap_along[wall] * du
         return bool(gap.contains(0) and wide.gap[wall].contains(0))
 
     def _single(self, wall: str, wide: _CellEnclosure) -> bool:
@@ -332,6 +339,15 @@ def _orbit_along(tube: Tube | Birth, along: Range, rates: bool) -> tuple[Any, An
     return space.impacts(z), values, space.setup(values).walls
 
 
+def _where_it_stops(speed: Any, bend: Any, ds: Any) -> Any:
+    """A ball around the part of a cell in which a velocity vanishes, from its values in the middle
+    and its rate: a step of Newton's method on intervals (Neumaier 1990, ch. 5)."""
+    if bend.contains(0):
+        return ds
+    near = -speed / bend
+    return ds.intersection(near) if ds.overlaps(near) else near
+
+
 def _cut_at_edges(
     along: Range, at: Range, taken: Sequence[Patch]
 ) -> list[tuple[Range, Range]] | None:
@@ -375,22 +391,24 @@ def zeros(tube: Tube, name: str, function: Test) -> list[Cell]:
     """Return the cells of a tube that hold a zero of a function of the flights, or may."""
     model = tube.model(name, function)
     rates = [j * c for j, c in enumerate(model)][1:]
-    sideways = functools.cache(lambda: derivative_across(tube, function))
     found: list[Cell] = []
 
     def judge(left: float, right: float) -> bool:
         if not range_on_cell(model, left, right).contains(0):
             return True
-        slope = range_on_cell(rates, left, right) + sideways()
+        slope = range_on_cell(rates, left, right)
         ends = [range_on_cell(model, u, u) for u in (left, right)]
         if slope.contains(0) or any(end.contains(0) for end in ends):
+            return False
+        if (slope + derivative_across(tube, function, _ball((left, right)))).contains(0):
             return False
         if (ends[0] > 0) != (ends[1] > 0):
             found.append(Cell(left, right, "zero"))
         return True
 
-    left_open = [Cell(*cell, "open") for cell in open_cells((-1.0, 1.0), judge, DEEPEST)]
-    return _merge_cells([*found, *left_open])
+    merged = _merge_cells(open_cells((-1.0, 1.0), judge, DEEPEST))
+    left_open = [Cell(*cell, "open") for cell in merged if not judge(*cell)]
+    return sorted([*found, *left_open], key=lambda cell: cell.left)
 
 
 def narrow_cell(tube: Tube, name: str, function: Test, cell: Cell) -> tuple[float, float]:
@@ -420,18 +438,18 @@ def range_on_cell(model: Model, left: float, right: float) -> Any:
     return first + arb(0, 1) * spread
 
 
-def derivative_across(tube: Tube, function: Test) -> Any:
-    """Return the function's derivative along w'(u), anywhere in the tube."""
-    pairs = zip(tube.state(arb(0, 1)), tube.rates, strict=True)
+def derivative_across(tube: Tube, function: Test, u: Any) -> Any:
+    """Return the function's derivative along w'(u), for all u of a ball."""
+    pairs = zip(tube.state(u), tube.rates, strict=True)
     moving = [arb_series([x, r], prec=2) for x, r in pairs]
     return coefficient(function(tube.segment.space.flights(moving)), 1)
 
 
-def _merge_cells(cells: list[Cell]) -> list[Cell]:
-    """Open cells that touch each other as one."""
-    found: list[Cell] = []
-    for cell in sorted(cells, key=lambda c: c.left):
-        if found and found[-1].what == cell.what == "open" and found[-1].right == cell.left:
-            cell = Cell(found.pop().left, cell.right, "open")
-        found.append(cell)
+def _merge_cells(cells: Iterable[Range]) -> list[Range]:
+    """Cells that touch each other as one: a zero may lie on their common edge."""
+    found: list[Range] = []
+    for left, right in sorted(cells):
+        if found and found[-1][1] == left:
+            left, _ = found.pop()
+        found.append((left, right))
     return found

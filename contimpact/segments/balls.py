@@ -257,12 +257,13 @@ def stumpff(orders: Sequence[int], q: Number) -> list[Number]:
     """Return enclosures of some c_k, of a ball or of a power series."""
     spread = _spread(constant(q))
     if not isinstance(q, arb_series):
-        return [c + spread * _slopes(k, 1)[0] for k, c in _coefficients_at(q.mid(), orders)]
+        exact = _coefficients_at(q.mid(), max(orders))
+        return [exact[k] + spread * _slopes(k, 1)[0] for k in orders]
     length = q.prec
-    exact = _coefficients_at(arb_series([q[0].mid(), 1], prec=length), orders)
+    exact = _coefficients_at(arb_series([q[0].mid(), 1], prec=length), max(orders))
     return [
-        compose(series + arb_series([spread * c for c in _slopes(k, length)], prec=length), q)
-        for k, series in exact
+        compose(exact[k] + arb_series([spread * c for c in _slopes(k, length)], prec=length), q)
+        for k in orders
     ]
 
 
@@ -278,12 +279,17 @@ def _slopes(k: int, length: int) -> list[Number]:
     return [ball_around_zero(fmpq(n + 1, math.factorial(2 * n + k + 2))) for n in range(length)]
 
 
-def _coefficients_at(q: Number, orders: Sequence[int]) -> list[tuple[int, Number]]:
-    """The c_k, each with its k, at an exact number, or around it."""
-    middle = constant(q)
-    highest = max(*orders, 1)
+def _coefficients_at(q: Number, highest: int) -> list[Number]:
+    """The c_k up to the highest, at an exact number, or around it.
+
+    Near zero the two last are series, from which the others follow.
+    """
+    middle, highest = constant(q), max(highest, 1)
     if abs(middle) < NEAR_ZERO:
-        return [(k, _series(q, k)) for k in orders]
+        found = [_series(q, highest), _series(q, highest - 1)]
+        for k in reversed(range(highest - 1)):
+            found.append(_INVERSE_FACTORIAL[k] - q * found[-2])
+        return found[::-1]
     lost = math.log2(math.factorial(highest)) - 0.5 * highest * math.log2(float(abs(middle)))
     with ctx.workprec(ctx.prec + 20 + max(0, math.ceil(lost))):
         x = (q if middle > 0 else -q).sqrt()
@@ -291,7 +297,7 @@ def _coefficients_at(q: Number, orders: Sequence[int]) -> list[tuple[int, Number
         found, inverse = [cosine, sine / x], 1 / q
         for k in range(highest - 1):
             found.append((_INVERSE_FACTORIAL[k] - found[k]) * inverse)
-    return [(k, found[k]) for k in orders]
+    return found
 
 
 def _series(q: Number, k: int) -> Number:
@@ -299,20 +305,25 @@ def _series(q: Number, k: int) -> Number:
     each Taylor coefficient from twice its order on: the rest is at most twice its first term."""
     length = q.prec if isinstance(q, arb_series) else 1
     middle, terms = constant(q), 2 * length + ctx.prec // 7
-    polynomial, rests = _terms_of_series(k, terms, length, ctx.prec)
-    near = polynomial(arb_poly([middle, 1])) if length > 1 else [polynomial(middle)]
+    polynomials, rests = _terms_of_series(k, terms, length, ctx.prec)
     size = abs(middle).upper()
     powers = [size ** (terms - length + 1)]
     for _ in range(length - 1):
         powers.append(powers[-1] * size)
-    found = [near[n] + rest * powers[length - 1 - n] for n, rest in enumerate(rests)]
+    pairs = zip(polynomials, rests, reversed(powers), strict=True)
+    found = [p(middle) + rest * power for p, rest, power in pairs]
     return arb_series(found, prec=length) if isinstance(q, arb_series) else found[0]
 
 
 @functools.cache
-def _terms_of_series(k: int, terms: int, length: int, bits: int) -> tuple[Number, list[Number]]:
-    """The first terms of c_k as a polynomial, and balls for the rests of its Taylor coefficients,
+def _terms_of_series(
+    k: int, terms: int, length: int, bits: int
+) -> tuple[list[Number], list[Number]]:
+    """The first terms of the Taylor coefficients of c_k as polynomials, and balls for their rests,
     to be multiplied by powers of |q|."""
-    first = [(-1) ** j * fmpq(1, math.factorial(2 * j + k)) for j in range(terms)]
+    signed = [(-1) ** j * fmpq(1, math.factorial(2 * j + k)) for j in range(terms)]
+    first = [
+        arb_poly([math.comb(j, n) * signed[j] for j in range(n, terms)]) for n in range(length)
+    ]
     rests = [fmpq(2 * math.comb(terms, n), math.factorial(2 * terms + k)) for n in range(length)]
-    return arb_poly(first), [ball_around_zero(arb(rest)) for rest in rests]
+    return first, [ball_around_zero(arb(rest)) for rest in rests]
