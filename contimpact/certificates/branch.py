@@ -70,7 +70,8 @@ FAILURES = (ArithmeticError, ValueError)
 
 @dataclass(frozen=True)
 class Piece:
-    """A piece of a branch, by the followed parameter at its ends, and what is said of it."""
+    """A piece of a branch, by the followed parameter at its ends, and what is said of it; where an
+    event is missing, by the parameter's least and largest value, which a fold lies next to."""
 
     start: float
     end: float
@@ -204,7 +205,8 @@ class Examination:
             return
         self.found.tubes.append((segment, tube))
         self.found.events += events
-        self.found.missing += [_piece(segment, what) for what in missing]
+        values = [float(segment.doubles(u)[-1]) for u in np.linspace(-1.0, 1.0, 17)]
+        self.found.missing += [Piece(min(values), max(values), what) for what in missing]
         if left and self.budget.spent:
             left.append(self.budget.message)
         if left:
