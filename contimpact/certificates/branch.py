@@ -194,15 +194,14 @@ class Examination:
 
     def examine(self, segment: Segment, tube: Tube, depth: int = 0) -> None:
         """Account for every zero in a tube; cut it where something stays open."""
-        try:
-            events, missing, left = self._events(tube)
-        except FAILURES as error:
-            events, missing, left = [], [], [f"a test function has no enclosure ({error})"]
+        events, missing, left = self._searched(tube)
         deeper = left and depth < DEEPEST and not self.budget.spent
         if deeper and (parts := _cut_tube(segment)) is not None:
             for part, own in parts:
                 self.examine(part, own, depth + 1)
             return
+        if left and not self.budget.spent:
+            events, missing, left = self._searched(tube.narrowed())
         self.found.tubes.append((segment, tube))
         self.found.events += events
         values = [float(segment.doubles(u)[-1]) for u in np.linspace(-1.0, 1.0, 17)]
@@ -211,6 +210,13 @@ class Examination:
             left.append(self.budget.message)
         if left:
             self.found.leave_open(segment, "; ".join(dict.fromkeys(left)))
+
+    def _searched(self, tube: Tube) -> tuple[list[str], list[str], list[str]]:
+        """What `_events` finds; open where a function has no enclosure."""
+        try:
+            return self._events(tube)
+        except FAILURES as error:
+            return [], [], [f"a test function has no enclosure ({error})"]
 
     def _events(self, tube: Tube) -> tuple[list[str], list[str], list[str]]:
         """Entries in a tube, what is proven to be there besides, and what is open."""

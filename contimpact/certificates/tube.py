@@ -22,7 +22,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, TypeAlias
 
@@ -209,6 +209,12 @@ class Tube:
     over: list[Flight]
     """`near`, `over`: the flights anywhere in W, as series around the middle, and around any u."""
     _models: dict[Any, Model] = field(default_factory=dict)
+
+    def narrowed(self) -> Tube:
+        """Return the same tube, its flights enclosed on the part of W in which the branch lies."""
+        near = flights_of(self.segment, arb(0), self.around, ORDER_OF_BLOCKS)
+        over = flights_of(self.segment, WHOLE, self.around, ORDER_OF_BLOCKS + 1)
+        return replace(self, near=near, over=over, _models={})
 
     @cached_property
     def around(self) -> Balls:
