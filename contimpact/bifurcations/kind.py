@@ -99,7 +99,8 @@ def primitive_start(start: Start) -> Start:
     orbit of a shorter period.
     """
     problem, unknowns, tangent = start.problem, start.unknowns, start.tangent
-    ahead = unknowns + ALONG * tangent / np.max(np.abs(tangent / problem.natural_units(unknowns)))
+    sizes = problem.scale(unknowns, problem.natural_units(unknowns)[problem.n :])
+    ahead = unknowns + ALONG * tangent / np.max(np.abs(tangent / sizes))
     shorter, _ = reduce_period(problem, ahead, REPEATS)
     if shorter is problem:
         return start

@@ -796,9 +796,11 @@ class OrbitProblem:
 
     def natural_units(self, unknowns: Array) -> Array:
         """Return units in which differences of orbits are told, whatever the units of the model:
-        the forcing's period, the largest velocity at an impact, for positions their product, and
-        for parameters their values."""
-        one = np.full(self.m, np.max(np.abs(self.impacts(unknowns)[:, 1::2])) or 1.0)
+        the forcing's period, the largest velocity at an impact, or to a wall in a period, for
+        positions their product, and for parameters their values."""
+        setup, rates = self.setup(unknowns), np.abs(self.impacts(unknowns)[:, 1::2])
+        fastest = max(float(np.max(rates)), max(map(abs, setup.walls)) / abs(setup.period))
+        one = np.full(self.m, fastest or 1.0)
         one[::2] *= self.period(unknowns)
         one[0] = self.period(unknowns)
         return np.append(np.tile(one, len(self.word)), self._units_of_parameters(unknowns))

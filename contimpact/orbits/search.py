@@ -111,7 +111,8 @@ def _shortest_shift(problem: OrbitProblem, unknowns: Array, tolerance: float) ->
         later[:shift, 0] += span
         later = _roll_rows(later, shift)
         later[:, 0] -= span * shift / n
-        if abs((later - rows) / problem.natural_units(unknowns)[: problem.m]).max() < tolerance:
+        units = problem.scale(unknowns, 1.0)[: problem.m]  # all impacts may be touches
+        if abs((later - rows) / units).max() < tolerance:
             return shift
     return None
 
