@@ -36,7 +36,7 @@ pytestmark = pytest.mark.skipif(
     not hasattr(signal, "SIGPROF"), reason="the time of a case is limited by signals"
 )
 
-ORDINARY = 120
+ORDINARY = 240
 PER_TEST = 20
 INTERRUPTED, TOO_LONG, WALL = 3.0, 10.0, 60.0
 """Seconds: of work after which a computation is interrupted, as from the keyboard; of work that a
