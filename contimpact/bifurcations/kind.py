@@ -99,6 +99,7 @@ def primitive_start(start: Start) -> Start:
     orbit of a shorter period.
     """
     problem, unknowns, tangent = start.problem, start.unknowns, start.tangent
+    # at touches impacts are at rest, and tell no unit of velocities
     sizes = problem.scale(unknowns, problem.natural_units(unknowns)[problem.n :])
     ahead = unknowns + ALONG * tangent / np.max(np.abs(tangent / sizes))
     shorter, _ = reduce_period(problem, ahead, REPEATS)

@@ -233,9 +233,8 @@ def solve_on_arrays(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
             z, origin, residual = z[..., healthy], origin[healthy], residual[:, healthy]
             jacobian = jacobian[..., healthy]
         step = _solve_all(jacobian, -residual).reshape(n, m, -1)
-        units = np.maximum(_sizes(z), 1.0), max(1.0, period)  # of large numbers a part
-        done = (np.abs(step[:, 1:]) / units[0]).max(axis=(0, 1)) < SETTLED
-        done &= np.abs(step[:, 0]).max(axis=0) < SETTLED * units[1]
+        done = _sizes(step) < SETTLED * np.maximum(_sizes(z), 1.0)
+        done &= np.abs(step[:, 0]).max(axis=0) < SETTLED * max(1.0, period)
         if done.any():
             ended = (z + step)[..., done]
             moving = _sizes(ended) >= near

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from .problem import OrbitProblem
 
 ITERATIONS, SETTLED = 25, 1e-8
-"""Most iterations, and the length of the Newton step after which a start has led to an orbit;
-of a period or of velocities above one that part."""
+"""Most iterations, and the length of the Newton step after which a start has led to an orbit:
+above one, of the period or of the largest velocity that part."""
 
 ASTRAY, LOST = 1e-2, 10
 """Part of its Newton step that a start takes where it is astray, and how often it may be so: of

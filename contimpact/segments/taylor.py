@@ -1,9 +1,9 @@
 """Integrated flights in compiled programs: Taylor's method in the plain subset of Python.
 
 What `integration` has heyoka do, for one field and for derivatives by some directions: the same
-equations but for derivatives by the duration, order and steps, so that results differ by rounding
-alone. `taylor_text` writes the text for a field; here are the functions that it calls, and the
-kernels that call it.
+equations, order and steps, but that derivatives by the duration follow without an equation, so that
+results differ by rounding alone. `taylor_text` writes the text for a field; here are the functions
+that it calls, and the kernels that call it.
 """
 
 from __future__ import annotations
