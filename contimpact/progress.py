@@ -68,6 +68,20 @@ def tell_each(branches: Sequence[Named], what: str, progress: Progress) -> Itera
         yield branch
 
 
+def walk_progress(what: str, parameter: str, progress: Progress) -> Callable[[int, float], None]:
+    """Return what is told of points that a walk records, and tells how many there are, and where it
+    is."""
+    count = 0
+
+    def tell(points: int, value: float) -> None:
+        nonlocal count
+        count += points
+        if count % EVERY < points:
+            progress(f"{what}: {count} points, {parameter} = {value:.6g}")
+
+    return tell
+
+
 def counting_callback(what: str, parameter: str, progress: Progress) -> Callable[[Any], None]:
     """Return a callback of a walk that tells how many points there are, and where it is."""
     count = 0

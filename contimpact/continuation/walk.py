@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Required, TypedDict, TypeVar, cast
+from typing import ClassVar, Required, TypedDict, TypeVar, cast
 
 import numpy as np
 
@@ -263,6 +263,9 @@ grows, and its ceiling. Points beyond an end by a policy or `callback` are disca
 class Policy:
     """What a walk is subject to besides its problem; each hook may be overridden."""
 
+    at_events_only: ClassVar[bool] = False
+    """Whether `accepted` has only to be called with the first point and those behind events."""
+
     def limits(self, limits: tuple[float, float]) -> tuple[float, float]:
         """Return the part of the range in which the walk stays."""
         return limits
@@ -285,6 +288,7 @@ class Options(TypedDict, total=False):
     tangent: Array | None
     branching: bool
     callback: Callable[[Point], bool | None] | None
+    progress: Callable[[int, float], None] | None
 
 
 def walk(
@@ -299,6 +303,7 @@ def walk(
     tangent: Array | None = None,
     branching: bool = False,
     callback: Callable[[Point], bool | None] | None = None,
+    progress: Callable[[int, float], None] | None = None,
     policies: Sequence[Policy] = (),
     backend: Backend | None = None,
     meeting: Find | None = None,
@@ -325,6 +330,8 @@ def walk(
     callback : callable, optional
         Called with every accepted point, before events are looked for; a true value stops the
         walk.
+    progress : callable, optional
+        Called with the number of points just recorded, and where the last of them is.
     policies : sequence of Policy
         Asked in turn: the first that ends the walk does so.
     backend : Backend, optional
@@ -350,8 +357,8 @@ def walk(
     for policy in policies:
         limits = policy.limits(limits)
     check(start, direction, limits)
-    ending = [p.accepted for p in policies if type(p).accepted is not Policy.accepted]
-    backend, watching = backend or DenseBackend(problem), (callback, ending, branching)
+    ending = [p for p in policies if type(p).accepted is not Policy.accepted]
+    backend, watching = backend or DenseBackend(problem), (callback, progress, ending, branching)
     walker = _Walker(problem, backend, parameter, limits, list(tests), settings, *watching)
     walker.passes.find = meeting
     try:
@@ -376,7 +383,8 @@ class _Walker:
     tests: list[TestFunction]
     settings: Settings
     callback: Callable[[Point], bool | None] | None
-    ending: Sequence[Callable[[Point, Sequence[Event]], tuple[End, Point] | None]]
+    progress: Callable[[int, float], None] | None
+    ending: Sequence[Policy]
     branching: bool
     points: Points = field(default_factory=Points)
     events: list[Event] = field(default_factory=list)
@@ -389,6 +397,8 @@ class _Walker:
     passes: MeetingRecord = field(default_factory=MeetingRecord)
     left_with: list[Array] = field(default_factory=list)
     leapt: int = 0
+    compared: float = np.nan
+    """Arclength of the point whose sizes have last been compared with `scale`."""
 
     def run(self, start: Array, direction: int, tangent: Array | None) -> Walk:
         self.scale = self.sizes(start)
@@ -452,7 +462,12 @@ class _Walker:
 
     @property
     def watched(self) -> bool:
-        return self.callback is not None or bool(self.ending)
+        return bool(self.callback or self.progress or self.ending)
+
+    @property
+    def looking(self) -> bool:
+        """Whether every point is shown to somebody."""
+        return self.callback is not None or not all(p.at_events_only for p in self.ending)
 
     @property
     def fewest(self) -> int:
@@ -469,7 +484,9 @@ class _Walker:
     def grow(self) -> bool:
         """Measure lengths by larger sizes where the solution has outgrown those it started with."""
         here = self.points[-1]
-        sizes = self.sizes(here.unknowns)
+        if here.arclength == self.compared:
+            return False
+        self.compared, sizes = here.arclength, self.sizes(here.unknowns)
         if not np.any(sizes > OUTGROWN * self.scale):
             return False
         self.scale = np.maximum(self.scale, sizes)
@@ -605,8 +622,8 @@ class _Walker:
         new = Points([piece])
         seen = self.tested(piece, new, ending)
         marked = seen.noteworthy(self.backend.look)
-        done = 0
-        for i in range(len(new)) if self.watched else marked:
+        done, first = 0, {0} if self.ending and len(self.points) == 1 else set[int]()
+        for i in range(len(new)) if self.looking else sorted(first | marked.keys()):
             self.points.extend(piece, done, i)
             point = new[i]
             asked = self.callback is not None and self.callback(point)
@@ -614,13 +631,15 @@ class _Walker:
             found = self.events_before(point, around, ending) if around is not None else []
             self.points.extend(piece, i, i + 1)
             done = i + 1
-            for ending_at in self.ending:
-                if stopped := ending_at(point, found):
+            for policy in self.ending:
+                if stopped := policy.accepted(point, found):
                     return self.stopped(*stopped)
             if asked:
                 return self.end(ending or EndKind.STOPPED)
         self.points.extend(piece, done, len(new))
         self.seen = seen.last()
+        if self.progress is not None:
+            self.progress(len(new), self.points[-1].parameter)
         return self.end(ending) if ending else None
 
     def tested(self, piece: Point | Block, new: Points, ending: EndKind | None) -> Samples:

@@ -20,7 +20,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..bifurcations.kind import Start, kind_of, primitive_start, switch, test_functions
-from ..continuation.branch import Event, Point, TestFunction
+from ..continuation.branch import Event, TestFunction
 from ..continuation.ends import End, EndKind
 from ..continuation.settings import Settings
 from ..errors import InputError, explain_arguments, short_repr
@@ -29,7 +29,7 @@ from ..orbits.orbit import Orbit
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
 from ..orbits.search import SAME_ORBIT, Search, mirror_orbit, reduce_period
-from ..progress import Asked, Progress, RememberedProgress, counting_callback, progress_lines
+from ..progress import Asked, Progress, RememberedProgress, progress_lines, walk_progress
 from ..results.branch import Branch, Entry
 from ..results.diagram import Diagram, Limits
 from ..results.quantities import add_outputs
@@ -338,12 +338,12 @@ class _Explorer:
         name = self.next_name()
         tests = self.tests(orbit.problem)
         settings = self.settings()
-        report = self.reporter(orbit.problem, name)
+        tell = self.walk_progress(orbit.problem, name)
         scene = self.scene
         began = time.perf_counter()
         stop = symmetric_end(orbit.problem, self.known)
         about = orbit.problem, orbit.unknowns, scene.range, tests, settings
-        run = walk_both_ways(*about, report, stop, self.throughout(orbit.problem.word))
+        run = walk_both_ways(*about, None, stop, self.throughout(orbit.problem.word), tell)
         self.keep(run, name, None, 0, began)
 
     def survey(self) -> None:
@@ -415,10 +415,10 @@ class _Explorer:
         problem, place = start.problem, {"entry": entry.id, "parent": entry.branch}
         born = End.of(EndKind.BORN, self.scene.parameter, entry.value, **place)
         tests, settings = self.tests(problem), self.settings()
-        stop, report = symmetric_end(problem, self.known), self.reporter(problem, name)
+        stop, tell = symmetric_end(problem, self.known), self.walk_progress(problem, name)
         scene = self.scene
         about = start, born, scene.range, tests, settings, name
-        return run_born(*about, stop, report, self.throughout(problem.word))
+        return run_born(*about, stop, None, self.throughout(problem.word), tell)
 
     def run_known(self, run: Run) -> str | None:
         """The known branch a walk went along, where its first step was too short to tell."""
@@ -473,15 +473,9 @@ class _Explorer:
         self.tested += tests
         return tests
 
-    def reporter(self, problem: OrbitProblem, name: str) -> Callable[[Point], None]:
+    def walk_progress(self, problem: OrbitProblem, name: str) -> Callable[[int, float], None]:
         shown = problem.word.notation(self.scene.model.letters)
-        count = counting_callback(f"following {name}, {shown}", self.scene.parameter, self.progress)
-
-        def report(point: Point[Linearisation]) -> None:
-            point.evaluation.verdict  # noqa: B018  physicality is decided at every point: part of the walk
-            count(point)
-
-        return report
+        return walk_progress(f"following {name}, {shown}", self.scene.parameter, self.progress)
 
     def keep(self, run: Run, name: str, entry: Entry | None, depth: int, began: float) -> None:
         """Tabulate a branch and queue what is born on it; an interruption goes on after that."""

@@ -215,6 +215,8 @@ def add_stop_test(tests: Sequence[TestFunction], stop: Policy | None) -> list[Te
 class _SymmetricEnd(Policy):
     """Ends no walk whose orbits are their own images from the first point on."""
 
+    at_events_only = True
+
     def __init__(self, problem: OrbitProblem, known: Known | None) -> None:
         self.problem, self.known = problem, known
         self.symmetry = symmetry_of(problem)
@@ -591,12 +593,14 @@ def walk_both_ways(
     callback: Callback | None = None,
     stop: Policy | None = None,
     unphysical: bool = True,
+    progress: Callable[[int, float], None] | None = None,
 ) -> Run:
     """Walk from an orbit in both directions; a closed branch is walked once.
 
     After an interruption from the keyboard, what was walked until then.
     """
-    options: Options = {"limits": limits, "settings": settings, "callback": callback}
+    options: Options = {"limits": limits, "settings": settings}
+    options |= {"callback": callback, "progress": progress}
     go = _walks_from(problem, unknowns, tests, stop, unphysical, **options)
     forward = keep_interrupted(partial(go, +1))
     if not forward.points:
@@ -700,6 +704,7 @@ def run_born(
     stop: Policy | None = None,
     callback: Callback | None = None,
     unphysical: bool = True,
+    progress: Callable[[int, float], None] | None = None,
 ) -> Run | End:
     """Walk along a branch from its start, one way or both as `Start` says.
 
@@ -708,7 +713,8 @@ def run_born(
     point, returns the end that says why.
     """
     problem = start.problem
-    options: Options = {"limits": limits, "settings": settings, "callback": callback}
+    options: Options = {"limits": limits, "settings": settings}
+    options |= {"callback": callback, "progress": progress}
     leaving: Options = {**options, "tangent": start.tangent, "branching": start.branching}
     go = _walks_from(problem, start.unknowns, tests, stop, unphysical, **leaving)
     forward = keep_interrupted(partial(go, +1))

@@ -104,6 +104,7 @@ def _shortest_shift(problem: OrbitProblem, unknowns: Array, tolerance: float) ->
     span = problem.span(unknowns)
     rows = problem.impacts(unknowns)
     n = len(word)
+    waves = math.sqrt(n) * problem.period(unknowns)  # at least the scale of times
     for shift in word.rotations()[1:]:
         if word.period * shift % n:
             continue
@@ -111,8 +112,11 @@ def _shortest_shift(problem: OrbitProblem, unknowns: Array, tolerance: float) ->
         later[:shift, 0] += span
         later = _roll_rows(later, shift)
         later[:, 0] -= span * shift / n
+        apart = abs(later - rows)
+        if apart[:, 0].max() >= tolerance * waves:
+            continue
         units = problem.scale(unknowns, 1.0)[: problem.m]  # all impacts may be touches
-        if abs((later - rows) / units).max() < tolerance:
+        if (apart / units).max() < tolerance:
             return shift
     return None
 

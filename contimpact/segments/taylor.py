@@ -208,6 +208,15 @@ def path_kernel(kernel: Kernel) -> BySeries:
     return _kernel_with(kernel, function, more, {"path": found.function}, found.space)
 
 
+def departure_kernel(kernel: Kernel) -> Kernel:
+    """Return the kernel ``field`` of a wall as one of what its flight starts with: the time,
+    positions, velocities, and the field's parameters."""
+    function = _function_of(kernel)
+    result, (_, numbers) = _result_of(function)
+    result.value = numbers
+    return _kernel_with(kernel, function, [], {}, 0).function
+
+
 def start_kernel(kernel: Kernel, freedom: int) -> Kernel:
     """Return the kernel ``field`` of a wall as one of the positions from which its flight starts,
     as many as there are coordinates: those that the mode does not have are at zero."""

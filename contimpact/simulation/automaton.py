@@ -25,6 +25,7 @@ from ..errors import InputError
 from ..models.guards import pivot, state_before
 from ..models.model import Model
 from ..segments.arithmetic import ARRAYS, FLOATS, evaluate_in
+from ..segments.compiling import timed_plainly
 from ..segments.derivatives import Series, series
 from ..segments.flight import first_hit
 from ..segments.kernels import Kernels
@@ -32,6 +33,7 @@ from ..segments.linear_flow import Shape, generator_of
 from ..segments.segment import ELSEWHERE
 from ..segments.track import Pieces, Track
 from .flights import (
+    LEAST,
     NUDGE,
     SHORTEST,
     TOGETHER,
@@ -43,7 +45,7 @@ from .flights import (
     until_repeated,
     windows,
 )
-from .linear_flights import Law, LinearRuns, Setting
+from .linear_flights import Law, LinearRuns, Runs, Setting
 from .run import (
     EARLY,
     LOW,
@@ -365,9 +367,11 @@ class Automaton:
             resting = held != 0
             if number == 0 and (self._beyond(window, left) or (not held and self.passes(state))):
                 return Outcome.BEYOND
-            found = self._first(window, held, left if number == 0 else None, left)
+            found = self._first_in_parts(window, held, left if number == 0 else None, left)
+            if isinstance(found, Outcome):
+                return found
             if found is not None:
-                at = found[0] + window.begin
+                at = found[0]
                 phase, passed = wrap_time(state.phase + at, self.period)
                 return self._through(replace(found[1], phase=phase, turns=state.turns + passed))
         return Outcome.RESTING if resting else Outcome.NO_IMPACT
@@ -386,6 +390,31 @@ class Automaton:
         known = (self.kernels, self.values, self.guards[wall], self.positions[wall], state)
         for begin, length in lengths:
             yield KernelWindow(*known, begin, length), 0
+
+    def _first_in_parts(
+        self, window: Window, held: int, left: int | None, mode_of: int
+    ) -> tuple[float, State] | Outcome | None:
+        """The first arrival or release in a window: when after the flight's start, and the state.
+
+        Where the flow does not stay finite to the window's end it is halved: a guard may come
+        before. If none does, the motion runs away.
+        """
+        try:
+            found = self._first(window, held, left, mode_of)
+        except ArithmeticError:
+            if not isinstance(window, KernelWindow):
+                raise
+        else:
+            return None if found is None else (found[0] + window.begin, found[1])
+        half = 0.5 * window.length
+        if half < LEAST * self.period:
+            return Outcome.RUNAWAY
+        for begin, first in ((window.begin, left), (window.begin + half, None)):
+            part = replace(window, begin=begin, length=half)
+            there = self._first_in_parts(part, held, first, mode_of)
+            if there is not None:
+                return there
+        return None
 
     def _first(
         self, window: Window, held: int, left: int | None, mode_of: int
@@ -541,7 +570,10 @@ class Automaton:
                     if outcome is not Outcome.DONE:
                         break
                     continue
-            found = self.next(state) if state.speed <= fastest else Outcome.RUNAWAY
+            with timed_plainly(self._runs.engine.identity if self._runs else ()):
+                found = self.next(state) if state.speed <= fastest else Outcome.RUNAWAY
+            if self._runs is not None:
+                self._runs.engine.plain += 1
             if isinstance(found, Outcome):
                 outcome = found
                 break
@@ -555,9 +587,17 @@ class Automaton:
         return self._runs.batch(asked) if self._runs is not None else None
 
     @functools.cached_property
-    def _runs(self) -> LinearRuns | None:
-        """What makes flights on which no wall is held, if all of them are linear."""
-        if not all(self.linear) or self._through.pairs:
+    def _runs(self) -> Runs | None:
+        """What makes flights on which no wall is held, if all are linear, or integrated."""
+        if self._through.pairs:
+            return None
+        if not any(self.linear):
+            from .integrated_flights import integrated_runs
+
+            slow = [-1.0] * len(self.guards)
+            given = self.values, self.positions, self.restitution, slow, (self.period, self.longest)
+            return integrated_runs(self.kernels, *given)
+        if not all(self.linear):
             return None
         walls = range(len(self.guards))
         kernels = [self.kernels.law(guard.name) for guard in self.guards]

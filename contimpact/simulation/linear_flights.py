@@ -21,8 +21,9 @@ from __future__ import annotations
 
 import functools
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -35,8 +36,21 @@ from ..segments.linear_flow import Shape, generator_of, mean_of, scales_of
 from ..segments.segment import ELSEWHERE, Passages
 from ..segments.track import turns_of
 from .flights import REPEATED, TOGETHER
-from .one_coordinate import DTYPES, Engine, array, formulas
-from .run import DONE, NO_IMPACT, OUTCOMES, RUNAWAY, SHORT, Call, Outcome, State, wrap_time
+from .run import (
+    DONE,
+    DTYPES,
+    NO_IMPACT,
+    OUTCOMES,
+    RUNAWAY,
+    SHORT,
+    Call,
+    Engine,
+    Outcome,
+    State,
+    array,
+    formulas,
+    wrap_time,
+)
 
 if TYPE_CHECKING:
     from ..segments.machine_code import Program
@@ -90,6 +104,10 @@ class Flights(NamedTuple):
     flight begins there; see `segments.segment`, shape (w,)."""
     restitution: Vector
     """At low velocity; 1 where no impacts accumulate, shape (w,)."""
+
+
+AnyFlights: TypeAlias = Any
+"""`Flights`, or what has the same fields but those of laws."""
 
 
 def space_of(flights: Flights) -> int:
@@ -216,7 +234,7 @@ def first_in_piece(
     return 0, 1.0, 0.0
 
 
-def row_value(flights: Flights, row: int, space: Vector) -> float:
+def row_value(flights: AnyFlights, row: int, space: Vector) -> float:
     """Return a row's combination of the positions."""
     d, found = flights.sizes[0], 0.0
     for i in range(d):
@@ -224,7 +242,7 @@ def row_value(flights: Flights, row: int, space: Vector) -> float:
     return found
 
 
-def is_beyond(flights: Flights, law: int, space: Vector) -> bool:
+def is_beyond(flights: AnyFlights, law: int, space: Vector) -> bool:
     """Whether a flight begins behind a guard of its mode."""
     gaps = flights.sizes[2]
     for row in range(gaps):
@@ -237,10 +255,9 @@ def is_beyond(flights: Flights, law: int, space: Vector) -> bool:
     return False
 
 
-def accumulates(flights: Flights, wall: int, velocity: float, at: int, space: Vector) -> bool:
+def accumulates(flights: AnyFlights, wall: int, velocity: float, acceleration: float) -> bool:
     """Whether impacts on a wall are so near to their end that it may be held; see `run`."""
-    e, piece = flights.restitution[wall], flights.piece[flights.law[wall]]
-    force = flights.sides[wall] * (2.0 * space[at + 1]) / (piece * piece)
+    e, force = flights.restitution[wall], flights.sides[wall] * acceleration
     if e >= 1.0 or not force > 0.0:
         return False
     return 2.0 * e * abs(velocity) <= SHORT * flights.clock[0] * force * (1.0 - e)
@@ -263,7 +280,7 @@ def advance(flights: Flights, law: int, space: Vector) -> None:
 def arrive(flights: Flights, law: int, wall: int, s: float, speed: float, space: Vector) -> None:
     """Fill in the section coordinates of an arrival on a piece."""
     d, width, gaps = flights.sizes[0], flights.sizes[1], flights.sizes[2]
-    piece, section, j = flights.piece[law], 3 * width, 0
+    piece, section, j = flights.piece[law], section_place(flights), 0
     polynomials = 4 * width + 3 * gaps
     space[section] = speed / piece
     for i in range(d):
@@ -305,7 +322,8 @@ def arrivals(
         if left >= 0 and flights.row[left] == row:
             if c1 == 0.0 or flights.leaving[left] * c1 > 0.0:  # at rest, or passing it at once
                 return -2, 0.0, 0.0
-            if accumulates(flights, left, velocity, at, space):
+            piece = flights.piece[law]
+            if accumulates(flights, left, velocity, (2.0 * c2) / (piece * piece)):
                 return -2, 0.0, 0.0
             if flights.stays[left] != 0:
                 origin = flights.positions[left]
@@ -321,12 +339,21 @@ def arrivals(
             space[hits + 3 * row + 1] = speed
             space[hits + 3 * row + 2] = side
             earliest = min(earliest, s)
+    return first_reached(flights, law, earliest, float(flights.count[law]), space)
+
+
+def first_reached(
+    flights: AnyFlights, law: int, earliest: float, period: float, space: Vector
+) -> tuple[int, float, float]:
+    """Return guard, time and velocity of the first of the arrivals in scratch space, the fastest of
+    those at one time; -1 for none. The period is in their unit of time."""
+    gaps, hits = flights.sizes[2], 4 * flights.sizes[1]
     if earliest == math.inf:
         return -1, 0.0, 0.0
     chosen, fastest = -1, -1.0
     for row in range(gaps):
         speed = abs(space[hits + 3 * row + 1])
-        if space[hits + 3 * row] <= earliest + TOGETHER * flights.count[law] and speed > fastest:
+        if space[hits + 3 * row] <= earliest + TOGETHER * period and speed > fastest:
             chosen, fastest = row, speed
     at = law * gaps + chosen
     wall = flights.above[at] if space[hits + 3 * chosen + 2] > 0.0 else flights.below[at]
@@ -338,11 +365,11 @@ def fly_linear(
 ) -> tuple[int, int, float]:
     """Make one flight, from the section coordinates before an impact to those before the next.
 
-    Returns `DONE`, `NO_IMPACT`, `BEYOND` or `LEFT`, the guard that ends the flight, and its
-    duration.
+    ``leave(wall, phase, values, space)`` fills in X after an impact. Returns `DONE`, `NO_IMPACT`,
+    `BEYOND` or `LEFT`, the guard that ends the flight, and its duration.
     """
     width, law = flights.sizes[1], flights.law[wall]
-    section, n, d = 3 * width, flights.width[law], flights.sizes[0]
+    section, n, d = section_place(flights), flights.width[law], flights.sizes[0]
     velocity, period, piece = space[section], flights.clock[0], flights.piece[law]
     leave(wall, phase, flights.values, space)
     if flights.stays[wall] == 0 and is_beyond(flights, law, space):
@@ -372,9 +399,15 @@ def fly_linear(
     return NO_IMPACT, wall, 0.0
 
 
+def section_place(flights: AnyFlights) -> int:
+    """Return where the section coordinates before an impact stand in scratch space, and behind them
+    the speed beyond which the motion runs away."""
+    return int(3 * flights.sizes[1])
+
+
 def make_flights(
-    leave: Callable[..., Any],
-    flights: Flights,
+    fly: Callable[..., Any],
+    flights: AnyFlights,
     space: Vector,
     state: Any,
     when: Any,
@@ -386,16 +419,16 @@ def make_flights(
 ) -> int:
     """Simulate from impact to impact; returns how many there were.
 
-    ``leave(wall, phase, values, space)`` fills in X after an impact, from the section coordinates
-    before it. The other arguments are as in `run.make_impacts`, with 2 d - 1 section
-    coordinates in place of the velocity.
+    ``fly(flights, wall, phase, space)`` makes one flight, as `fly_linear`. The other arguments are
+    as in `run.make_impacts`, with 2 d - 1 section coordinates in place of the velocity.
     """
     size = 2 * flights.sizes[0] - 1
-    at, period, kept = 3 * flights.sizes[1], flights.clock[0], len(walls) > 0
+    at, period, kept = section_place(flights), flights.clock[0], len(walls) > 0
     wall, turn, phase, fastest = state[0], state[1], when[0], when[size + 1]
     most, last, made, outcome = span[0], span[1], 0, DONE
     for j in range(size):
         space[at + j] = when[1 + j]
+    space[at + size] = fastest
     while made < most and turn < last:
         for j in range(size):
             when[1 + j] = space[at + j]
@@ -405,7 +438,7 @@ def make_flights(
         if not speed <= fastest:
             outcome = RUNAWAY
             break
-        outcome, wall, dt = fly_linear(leave, flights, wall, phase, space)
+        outcome, wall, dt = fly(flights, wall, phase, space)
         if outcome != DONE:
             break
         phase, passed = wrap_time(phase + dt, period)
@@ -481,12 +514,15 @@ ARGUMENTS = FIELDS + VECTOR + INTEGERS + VECTOR + ROW + INTEGERS
 motion or, without rows, of many, one after the other."""
 
 ENTRY = """
+def fly(flights, wall, phase, space):
+    return fly_linear(leave, flights, wall, phase, space)
+
 def entry({fields}, space, state, when, walls, turns, phases, sections, span):
     flights = Flights({fields})
     made, size = 0, 2 * sizes[0] + 1
     for k in range(len(state) // 3):
         made += make_flights(
-            leave, flights, space, state[3 * k : 3 * k + 3], when[size * k : size * k + size],
+            fly, flights, space, state[3 * k : 3 * k + 3], when[size * k : size * k + size],
             walls, turns, phases, sections, span[2 * k : 2 * k + 2]
         )
     return made
@@ -531,7 +567,7 @@ def program_of(kernels: Sequence[Kernel], leaving: str) -> Program:
     program.glue(leaving, **{f"law_{wall}": kernel for wall, kernel in enumerate(kernels)})
     program.constant("Flights", Flights)
     entry = ENTRY.format(fields=", ".join(Flights._fields))
-    program.glue(entry, make_flights=make_flights)
+    program.glue(entry, make_flights=make_flights, fly_linear=fly_linear)
     return program
 
 
@@ -576,8 +612,7 @@ def flights_of(given: Setting) -> Flights:
 
     def nearest(law: Law, row: tuple[float, ...], side: int) -> int:
         watched = given.passages.watched[given.laws.index(law)]
-        there = (k for k in walls if watched[k] and given.rows[k] == row and given.sides[k] == side)
-        return min(there, key=lambda k: (side * given.positions[k], k), default=-1)
+        return nearest_guard(watched, given.rows, given.sides, given.positions, row, side)
 
     passages = given.passages
     return Flights(
@@ -604,24 +639,44 @@ def flights_of(given: Setting) -> Flights:
     )
 
 
-class LinearRuns:
-    """Runs of a system whose flights are all linear, plainly or compiled.
+def nearest_guard(
+    watched: Sequence[bool],
+    rows: Sequence[tuple[float, ...]],
+    sides: Sequence[int],
+    positions: Sequence[float],
+    row: tuple[float, ...],
+    side: int,
+) -> int:
+    """Return the nearest guard on a side of a gap coordinate, of those that a flight can meet; -1
+    for none."""
+    places = range(len(rows))
+    there = (k for k in places if watched[k] and rows[k] == row and sides[k] == side)
+    return min(there, key=lambda k: (side * positions[k], k), default=-1)
 
-    The kernels are the law after each guard. Raises OverflowError as `flights_of`.
-    """
 
-    def __init__(self, given: Setting, kernels: Sequence[Kernel]) -> None:
-        self.flights = flights_of(given)
-        self.size = 2 * self.flights.sizes[0] - 1
-        width = self.flights.sizes[1]
-        text = leaving_text(given.laws, len(given.values), 3 * width)
-        self.leave = leaving(kernels, 3 * width)
-        self.engine = engine_of(kernels, text)
+class Runs(ABC):
+    """Runs from impact to impact, those on which no wall is held."""
+
+    flights: AnyFlights
+    fields: ClassVar[str]
+    """Kinds of the fields of `flights`."""
+    engine: Engine
+    size: int
+    """Section coordinates."""
 
     @functools.cached_property
     def _arrays(self) -> list[Array]:
         """The vectors as arrays, for compiled code."""
-        return [array(numbers, kind) for numbers, kind in zip(self.flights, FIELDS, strict=True)]
+        pairs = zip(self.flights, self.fields, strict=False)
+        return [array(numbers, kind) for numbers, kind in pairs]
+
+    @abstractmethod
+    def room(self) -> list[Array]:
+        """Return what compiled code takes behind these: room for one run at a time."""
+
+    @abstractmethod
+    def make_plainly(self, at: Any, when: Any, columns: Sequence[Any], span: Any) -> int:
+        """Make impacts as compiled code does; returns how many."""
 
     def make(
         self, state: State, span: tuple[int, int], asked: int, record: bool, fastest: float
@@ -637,16 +692,12 @@ class LinearRuns:
         ]
         at: Any = [int(state.wall), int(state.turns), 0]
         when: Any = [float(state.phase), *(float(y) for y in state.section), fastest]
-        room = space_of(self.flights)
         if fast:
             at, when = array(at, INTEGERS), array(when, VECTOR)
             limits = array((most, span[1]), INTEGERS)
-            made = fast(*self._arrays, np.zeros(room), at, when, *columns, limits)
+            made = fast(*self._arrays, *self.room(), at, when, *columns, limits)
         else:
-            with timed_plainly(self.engine.identity):
-                given = ([0.0] * room, at, when, *columns, (most, span[1]))
-                made = make_flights(self.leave, self.flights, *given)
-            self.engine.plain += made
+            made = self.make_plainly(at, when, columns, (most, span[1]))
         section = tuple(float(y) for y in when[1:-1])
         end = State(int(at[0]), float(when[0]), section[0], int(at[1]), section[1:])
         outcome = None if at[2] == LEFT else OUTCOMES[at[2]]
@@ -657,8 +708,8 @@ class LinearRuns:
         fast = self.engine.program(asked)
         if fast is None:
             return None
-        room, none = space_of(self.flights), [np.empty(0, DTYPES[kind]) for kind in ROW]
-        return lambda at, when, limits: fast(*self._arrays, np.zeros(room), at, when, *none, limits)
+        none = [np.empty(0, DTYPES[kind]) for kind in ROW]
+        return lambda at, when, limits: fast(*self._arrays, *self.room(), at, when, *none, limits)
 
     def _columns(self, columns: Sequence[Any], made: int) -> list[Any]:
         """The columns in the order of `run.columns_of`."""
@@ -666,3 +717,31 @@ class LinearRuns:
         sections = np.asarray(columns[3][: made * self.size], float).reshape(made, self.size)
         none = np.zeros(made, np.int64)
         return [walls, turns, phases, sections[:, 0], none > 0, sections[:, 1:], none]
+
+
+class LinearRuns(Runs):
+    """Runs of a system whose flights are all linear, plainly or compiled.
+
+    The kernels are the law after each guard. Raises OverflowError as `flights_of`.
+    """
+
+    fields = FIELDS
+
+    def __init__(self, given: Setting, kernels: Sequence[Kernel]) -> None:
+        self.flights = flights_of(given)
+        self.size = 2 * self.flights.sizes[0] - 1
+        width = self.flights.sizes[1]
+        text = leaving_text(given.laws, len(given.values), 3 * width)
+        self.leave = leaving(kernels, 3 * width)
+        self.engine = engine_of(kernels, text)
+
+    def room(self) -> list[Array]:
+        return [np.zeros(space_of(self.flights))]
+
+    def make_plainly(self, at: Any, when: Any, columns: Sequence[Any], span: Any) -> int:
+        fly = functools.partial(fly_linear, self.leave)
+        given: Any = ([0.0] * space_of(self.flights), at, when, *columns, span)
+        with timed_plainly(self.engine.identity):
+            made = make_flights(fly, self.flights, *given)
+        self.engine.plain += made
+        return made

@@ -18,21 +18,25 @@ from ..arrays import INTEGERS, VECTOR, Array
 from ..errors import InputError
 from ..models.model import Model
 from ..segments.arithmetic import ARRAYS, Kernel, evaluate_in
-from ..segments.compiling import CompiledProgram, load, mode, timed_plainly
+from ..segments.compiling import timed_plainly
 from ..segments.flight import chebyshev_zeros, first_arrival, rounding_along, time_zeros
 from ..segments.kernels import Kernels
 from ..segments.layout import Family
 from ..segments.segment import neighbouring_guards
 from .flights import FlightInState, first_hit, fly_in_time, motion_at
 from .run import (
+    DTYPES,
     OUTCOMES,
     Body,
     Call,
+    Engine,
     Hold,
     Outcome,
     OutsideError,
     State,
+    array,
     coefficient,
+    formulas,
     hold_of,
     join_runs,
     make_impacts,
@@ -45,13 +49,10 @@ from .run import (
 
 if TYPE_CHECKING:
     from ..segments.machine_code import Program
+    from .linear_flights import Runs
 
 
-# The loop of a simulation as a compiled program, and when that is loaded.
-
-WORTH = 200
-"""Impacts, in one run or made so far by plain Python, from which it is worth looking for compiled
-code, which takes as long as twenty."""
+# The loop of a simulation as a compiled program.
 
 BODY = VECTOR * 3 + INTEGERS * 4 + VECTOR * 5 + INTEGERS * 3
 """Kinds of a body's fields."""
@@ -82,35 +83,6 @@ def entry(
     return made
 """
 
-DTYPES = {INTEGERS: np.int64, VECTOR: np.float64}
-
-
-def array(numbers: Sequence[float], kind: str) -> Array:
-    """Return a vector for compiled code."""
-    return np.array(numbers, dtype=DTYPES[kind])
-
-
-class Engine:
-    """Compiled code for all simulators with the same formulas; arguments as of `compiling.load`."""
-
-    def __init__(
-        self, identity: tuple[str, ...], arguments: str, build: Callable[[], Program]
-    ) -> None:
-        self.identity, self.arguments, self.build = identity, arguments, build
-        self.found: CompiledProgram | None = None
-        self.plain = 0
-
-    def program(self, asked: int) -> CompiledProgram | None:
-        """Return the compiled program if there is one and so many impacts are worth loading it."""
-        chosen = mode()
-        if chosen == "never":
-            return None
-        if self.found is None and (chosen == "always" or asked + self.plain >= WORTH):
-            self.plain = 0
-            self.found = load(self.identity, self.arguments, self.build)
-        return self.found
-
-
 _ENGINES: dict[tuple[str, ...], Engine] = {}
 
 
@@ -119,12 +91,6 @@ def engine_of(motions: Sequence[Kernel]) -> Engine:
     identity = ("simulate", *formulas(motions))
     build = functools.partial(program_of, motions)
     return _ENGINES.setdefault(identity, Engine(identity, ARGUMENTS, build))
-
-
-def formulas(motions: Sequence[Kernel]) -> tuple[str, ...]:
-    """Return the kernels' texts without their heads, which name the free parameters."""
-    texts = (motion.source for motion in motions)
-    return tuple(text[text.index("def ") :] for text in texts)
 
 
 def program_of(motions: Sequence[Kernel]) -> Program:
@@ -404,6 +370,30 @@ class OneCoordinate:
 
         Returns the last state, why the run ended, the number of rows, and their columns.
         """
+        if self._runs is None:
+            return self._make(state, span, asked, record, fastest)
+        most, last = span
+        parts: list[list[Any]] = []
+        made, outcome = 0, Outcome.DONE
+        while outcome is Outcome.DONE and made < most and state.turns < last:
+            given = (most - made, last), asked, record, fastest
+            state, found, count, columns = self._runs.make(state, *given)
+            parts.append(columns[: len(ROW)])
+            made += count
+            if found is not None:
+                outcome = found
+                continue
+            with timed_plainly(self._runs.engine.identity):
+                state, outcome, count, columns = self._make(state, (1, last), 1, record, fastest)
+            self._runs.engine.plain += count
+            parts.append(columns)
+            made += count
+        return state, outcome, made, [np.concatenate(one) for one in zip(*parts, strict=True)]
+
+    def _make(
+        self, state: State, span: tuple[int, int], asked: int, record: bool, fastest: float
+    ) -> tuple[State, Outcome, int, list[Any]]:
+        """The same by the fast loop."""
         fast = self._engine.program(asked) if self._engine else None
         rows = span[0] if record else 0
         columns: list[Any] = [np.empty(rows, DTYPES[k]) if fast else [0] * rows for k in ROW]
@@ -423,11 +413,23 @@ class OneCoordinate:
 
     def batch(self, asked: int) -> Call | None:
         """Return compiled code for many motions; None where the work is not worth it."""
+        if self._runs is not None:
+            return self._runs.batch(asked)
         fast = self._engine.program(asked) if self._engine else None
         if fast is None:
             return None
         none = [np.empty(0, DTYPES[kind]) for kind in ROW]
         return lambda at, when, limits: fast(*self._arrays, at, when, *none, limits)
+
+    @functools.cached_property
+    def _runs(self) -> Runs | None:
+        """What makes flights that are integrated, but those from rest, if all are."""
+        if self.zeros is not None:
+            return None
+        from .integrated_flights import integrated_runs
+
+        given = self.restitution, self.body.slow, (self.period, self.longest)
+        return integrated_runs(self.kernels, self.values, self.positions, *given)
 
     @functools.cached_property
     def _engine(self) -> Engine | None:

@@ -6,17 +6,22 @@ import enum
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from ..arrays import Array, Vector
+from ..arrays import INTEGERS, VECTOR, Array, Vector
 from ..display import NotebookResult, ParameterItems, Summary, frame, limit_lines
 from ..errors import InputError
 from ..models.guards import slides_at
 from ..models.model import Model
+from ..segments.arithmetic import Kernel
+from ..segments.compiling import CompiledProgram, load, mode
 from ..segments.kernels import Kernels
 from ..segments.touches import margin
+
+if TYPE_CHECKING:
+    from ..segments.machine_code import Program
 
 Call: TypeAlias = Callable[[Array, Array, Array], int]
 """Compiled code for a batch: guards, turns and outcomes; phases, section coordinates and the speeds
@@ -514,3 +519,44 @@ def make_impacts(
     state[0], state[1], state[2] = wall, turn, outcome
     when[0], when[1] = phase, velocity
     return made
+
+
+# Compiled loops, and when they are loaded.
+
+WORTH = 200
+"""Impacts, in one run or made so far by plain Python, from which it is worth looking for compiled
+code, which takes as long as twenty."""
+
+DTYPES = {INTEGERS: np.int64, VECTOR: np.float64}
+
+
+def array(numbers: Sequence[float], kind: str) -> Array:
+    """Return a vector for compiled code."""
+    return np.array(numbers, dtype=DTYPES[kind])
+
+
+class Engine:
+    """Compiled code for all simulators with the same formulas; arguments as of `compiling.load`."""
+
+    def __init__(
+        self, identity: tuple[str, ...], arguments: str, build: Callable[[], Program]
+    ) -> None:
+        self.identity, self.arguments, self.build = identity, arguments, build
+        self.found: CompiledProgram | None = None
+        self.plain = 0
+
+    def program(self, asked: int) -> CompiledProgram | None:
+        """Return the compiled program if there is one and so many impacts are worth loading it."""
+        chosen = mode()
+        if chosen == "never":
+            return None
+        if self.found is None and (chosen == "always" or asked + self.plain >= WORTH):
+            self.plain = 0
+            self.found = load(self.identity, self.arguments, self.build)
+        return self.found
+
+
+def formulas(motions: Sequence[Kernel]) -> tuple[str, ...]:
+    """Return the kernels' texts without their heads, which name the free parameters."""
+    texts = (motion.source for motion in motions)
+    return tuple(text[text.index("def ") :] for text in texts)

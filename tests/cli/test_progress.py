@@ -389,8 +389,9 @@ def test_a_simulation_interrupted_in_its_branches_ends_there(run, scene, tmp_pat
 
     walked = explore.walk_both_ways
 
-    def interrupted(problem, unknowns, limits, tests, settings, callback, *more):
-        callback(walked(problem, unknowns, limits, tests, settings, callback, *more).points[0])
+    def interrupted(*about):
+        *_, tell = about
+        tell(1, walked(*about).points[0].parameter)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(explore, "walk_both_ways", interrupted)

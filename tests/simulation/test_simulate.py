@@ -22,6 +22,7 @@ from contimpact.segments import compiling, flight
 from contimpact.segments.flight import time_zeros, velocity_zero
 from contimpact.segments.kernels import Kernels
 from contimpact.simulation import one_coordinate
+from contimpact.simulation import run as loops
 from contimpact.simulation import simulator as simulate
 from contimpact.simulation.lyapunov import exponents_of
 from contimpact.simulation.run import Outcome, State, release_after
@@ -715,7 +716,7 @@ def looked_for(monkeypatch):
     calls = []
     monkeypatch.setattr(one_coordinate, "_ENGINES", {})
     monkeypatch.setattr(compiling, "_SPENT", defaultdict(float))
-    monkeypatch.setattr(one_coordinate, "load", lambda *given: calls.append(given) and None)
+    monkeypatch.setattr(loops, "load", lambda *given: calls.append(given) and None)
     return calls
 
 

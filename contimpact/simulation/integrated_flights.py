@@ -1,0 +1,372 @@
+"""Integrated flights from impact to impact, compiled: first arrivals on Taylor polynomials.
+
+A flight is followed in windows by `segments.taylor`, so that little of it lies beyond the guard
+that ends it, where the flow may cease to be finite. In each the gap coordinates are polynomials in
+pieces between whose accelerations' zeros `segments.flight` finds the first arrival, so that none is
+missed. A flight that begins at rest or ends the impacts on a wall, and one that is not resolved, is
+left to plain Python, which integrates by heyoka; see `flights`.
+
+The functions up to `fly_integrated` are in the plain subset of Python that `contimpact.compiling`
+compiles.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ..arrays import INTEGERS, TABLE, VECTOR, Array, Table, Vector
+from ..models.guards import pivot
+from ..segments.arithmetic import Kernel
+from ..segments.flight import first_hit
+from ..segments.integration import statement
+from ..segments.kernels import Kernels
+from ..segments.oscillation import MOST, ROW, FollowedFlight, motion_of_gap, row_of, row_of_compiled
+from ..segments.segment import ELSEWHERE
+from ..segments.taylor import departure_kernel, field_of, has_series, path_by_series
+from .flights import FIRST, LEAST
+from .linear_flights import (
+    BEYOND,
+    LEFT,
+    Runs,
+    accumulates,
+    first_reached,
+    is_beyond,
+    make_flights,
+    nearest_guard,
+    row_value,
+    section_place,
+)
+from .linear_flights import ROW as COLUMNS
+from .run import DONE, NO_IMPACT, Engine, formulas
+
+if TYPE_CHECKING:
+    from ..segments.machine_code import Program
+
+
+class IntegratedFlights(NamedTuple):
+    """A system at fixed parameter values, and room for a flight; what is not said is as of
+    `linear_flights.Flights`, a field in place of a law."""
+
+    values: Vector
+    clock: Vector
+    sizes: Vector
+    factors: Vector
+    unit: Vector
+    below: Vector
+    above: Vector
+    law: Vector
+    row: Vector
+    pivot: Vector
+    sides: Vector
+    positions: Vector
+    leaving: Vector
+    stays: Vector
+    restitution: Vector
+    slow: Vector
+    """Of each wall, the velocity of impacts up to which a flight is left to plain Python."""
+    begins: Vector
+    """Whether the flight after each wall begins on the surface of each other one, shape (w w,)."""
+    own: Table
+    steps: Table
+    breaks: Vector
+    found: Vector
+    signs: Vector
+    zeros: Vector
+    moving: Vector
+    forces: Vector
+    """`own` to `forces`: of a `segments.oscillation.FollowedFlight`."""
+    numbers: Vector
+    """What a window starts with, as of `segments.taylor.path_by_series`."""
+    series: Vector
+    """Scratch space of the series."""
+
+
+ROOM = IntegratedFlights._fields[IntegratedFlights._fields.index("own") :]
+"""Fields in which a flight is made."""
+
+
+def arrivals_on_steps(
+    flights: IntegratedFlights,
+    law: int,
+    left: int,
+    velocity: float,
+    made: int,
+    length: float,
+    space: Vector,
+) -> tuple[int, float, float]:
+    """Return guard, time and velocity of the first arrival in a window, whose positions at the
+    beginning stand in scratch space; otherwise as `linear_flights.arrivals`."""
+    gaps, rows, hits = flights.sizes[2], flights.sizes[3], 4 * flights.sizes[1]
+    earliest, walls = math.inf, len(flights.sides)
+    for k in range(walls if left >= 0 else 0):
+        if flights.begins[walls * left + k] != 0:
+            _, speed, _ = motion_of_gap((flights.row[k], rows, made), 0.0, flights.steps)
+            if flights.sides[k] * speed > 0.0:  # it may pass it at once
+                return -2, 0.0, 0.0
+    for row in range(gaps):
+        space[hits + 3 * row] = math.inf
+        below, above = flights.below[law * gaps + row], flights.above[law * gaps + row]
+        if below < 0 and above < 0:
+            continue
+        head = (row, rows, made)
+        origin = row_value(flights, row, space)
+        _, speed, force = motion_of_gap(head, 0.0, flights.steps)
+        rising = speed > 0.0 or (speed == 0.0 and force > 0.0)
+        if left >= 0 and flights.row[left] == row:
+            if speed == 0.0 or flights.leaving[left] * speed > 0.0:
+                return -2, 0.0, 0.0
+            if accumulates(flights, left, velocity, force):
+                return -2, 0.0, 0.0
+            if flights.stays[left] != 0:
+                origin = flights.positions[left]
+            if flights.leaving[left] != 0:
+                rising = flights.leaving[left] < 0
+        low = flights.positions[below] - origin if below >= 0 else -math.inf
+        high = flights.positions[above] - origin if above >= 0 else math.inf
+        first = 2 * MOST * row
+        last = first + int(flights.found[row])
+        if last == first + 2 * MOST:
+            return -2, 0.0, 0.0
+        flights.breaks[last] = length
+        side, dt, speed, _ = first_hit(
+            motion_of_gap,
+            head,
+            flights.steps,
+            flights.breaks[first : last + 1],
+            0.0,
+            rising,
+            low,
+            high,
+        )
+        if side != 0:
+            space[hits + 3 * row] = dt
+            space[hits + 3 * row + 1] = speed
+            space[hits + 3 * row + 2] = side
+            earliest = min(earliest, dt)
+    return first_reached(flights, law, earliest, flights.clock[0], space)
+
+
+def fly_integrated(
+    begin: Callable[..., Any],
+    path: Callable[..., int],
+    flights: IntegratedFlights,
+    wall: int,
+    phase: float,
+    space: Vector,
+) -> tuple[int, int, float]:
+    """Make one flight, as `linear_flights.fly_linear`.
+
+    ``begin(wall, phase, section, values, numbers)`` fills in what the flight starts with, and
+    ``path(law, length, numbers, series, factors, rows, way)`` how it goes on for a while.
+    """
+    d, rows, period = flights.sizes[0], flights.sizes[3], flights.clock[0]
+    law, numbers, section = flights.law[wall], flights.numbers, section_place(flights)
+    velocity, fastest = space[section], space[section + 2 * d - 1]
+    if abs(velocity) <= flights.slow[wall]:
+        return LEFT, wall, 0.0
+    begin(wall, phase, space[section:], flights.values, numbers)
+    way = FollowedFlight(
+        flights.own,
+        flights.steps,
+        flights.breaks,
+        flights.found,
+        flights.signs,
+        flights.zeros,
+        flights.moving,
+        flights.forces,
+    )
+    for i in range(d):
+        space[i] = numbers[1 + i]
+    if flights.stays[wall] == 0 and is_beyond(flights, law, space):
+        return BEYOND, wall, 0.0
+    left, began, passed, length = wall, numbers[0], 0.0, FIRST * period
+    while passed < flights.sizes[4] * period:
+        made = path(law, length, numbers, flights.series, flights.factors, rows, way)
+        if made < 0:
+            length *= 0.5
+            if length < LEAST * period:
+                return LEFT, wall, 0.0
+            continue
+        reached, dt, speed = arrivals_on_steps(flights, law, left, velocity, made, length, space)
+        if reached == -2:
+            return LEFT, wall, 0.0
+        at = dt if reached >= 0 else length
+        j = section
+        space[j] = speed
+        for i in range(d):
+            x, v, _ = motion_of_gap((flights.unit[i], rows, made), at, flights.steps)
+            if reached < 0:
+                numbers[1 + i] += x
+                numbers[1 + d + i] = v
+                space[i] = numbers[1 + i]
+                if not abs(v) <= fastest:
+                    return LEFT, wall, 0.0
+            elif i != flights.pivot[reached]:
+                space[j + 1], space[j + 2] = space[i] + x, v
+                j += 2
+        if reached >= 0:
+            return DONE, reached, passed + dt
+        passed += length
+        numbers[0] = began + passed
+        left, length = -1, min(2.0 * length, period)
+    return NO_IMPACT, wall, 0.0
+
+
+# Runs of systems whose flights are all integrated.
+
+FIELDS = (
+    VECTOR * 2 + INTEGERS + VECTOR + INTEGERS * 7 + VECTOR + INTEGERS * 2 + VECTOR * 2 + INTEGERS
+)
+"""Kinds of the fields of `IntegratedFlights` before `ROOM`."""
+ARGUMENTS = FIELDS + TABLE * 2 + VECTOR * 9 + INTEGERS + VECTOR + COLUMNS + INTEGERS
+"""Kinds of the entry's arguments, as in `linear_flights`."""
+
+ENTRY = """
+def fly(flights, wall, phase, space):
+    return fly_integrated(any_start, any_path, flights, wall, phase, space)
+
+def entry({fields}, space, state, when, walls, turns, phases, sections, span):
+    flights = IntegratedFlights({fields})
+    made, size = 0, 2 * sizes[0] + 1
+    for k in range(len(state) // 3):
+        made += make_flights(
+            fly, flights, space, state[3 * k : 3 * k + 3], when[size * k : size * k + size],
+            walls, turns, phases, sections, span[2 * k : 2 * k + 2]
+        )
+    return made
+"""
+
+
+def program_of(kernels: Sequence[Kernel], fields: Sequence[str], law: Sequence[int]) -> Program:
+    """Return the program that simulates from impact to impact, from the kernels ``field`` of all
+    walls, the fields of the modes, and which of these comes after each wall."""
+    from ..segments.machine_code import Program
+
+    program = Program({row_of: row_of_compiled})
+    starts = {f"begin_{wall}": departure_kernel(kernel) for wall, kernel in enumerate(kernels)}
+    lines = ["def any_start(wall, phase, y, p, numbers):"]
+    for wall, (name, kernel) in enumerate(starts.items()):
+        stated = statement(fields[law[wall]])
+        size, section = len(stated.names) - 1, 2 * stated.freedom - 1
+        others = range(kernel.__code__.co_argcount - 1 - section)
+        given = ", ".join([*(f"y[{i}]" for i in range(section)), *(f"p[{i}]" for i in others)])
+        lines += [f"    if wall == {wall}:", f"        x{wall} = {name}(phase, {given})"]
+        lines += [f"        numbers[{i}] = x{wall}[{i}]" for i in range(size)]
+    program.glue("\n".join(lines), **starts)
+    paths = {f"path_{k}": path_by_series(field).function for k, field in enumerate(fields)}
+    lines = ["def any_path(law, length, numbers, series, weights, count, way):"]
+    for k, field in enumerate(fields):
+        given = ", ".join(f"numbers[{i}]" for i in range(len(statement(field).names) - 1))
+        lines += [] if k + 1 == len(fields) else [f"    if law == {k}:"]
+        indent = "    " if k + 1 == len(fields) else "        "
+        lines.append(f"{indent}return path_{k}(length, {given}, series, weights, count, way)")
+    program.glue("\n".join(lines), **paths)
+    program.constant("FollowedFlight", FollowedFlight)
+    program.constant("IntegratedFlights", IntegratedFlights)
+    entry = ENTRY.format(fields=", ".join(IntegratedFlights._fields))
+    program.glue(entry, make_flights=make_flights, fly_integrated=fly_integrated)
+    return program
+
+
+_ENGINES: dict[tuple[str, ...], Engine] = {}
+
+
+class IntegratedRuns(Runs):
+    """Compiled runs of a system whose flights are all integrated."""
+
+    fields = FIELDS
+
+    def __init__(
+        self,
+        kernels: Kernels,
+        values: Sequence[float],
+        positions: Sequence[float],
+        restitution: Sequence[float],
+        slow: Sequence[float],
+        about: tuple[float, int],
+    ) -> None:
+        model, passages = kernels.model, kernels.passages
+        guards, d = model.WALLS, model.DEGREES_OF_FREEDOM
+        own = [kernels.field(guard.name) for guard in guards]
+        after = [(guard.next_mode, field_of(k)) for guard, k in zip(guards, own, strict=True)]
+        modes = list(dict.fromkeys(after))
+        law, fields = [modes.index(mode) for mode in after], [field for _, field in modes]
+        factors = [tuple(map(float, guard.row(d))) for guard in guards]
+        gaps = list(dict.fromkeys(factors))
+        units = [tuple(float(i == j) for j in range(d)) for i in range(d)]
+        rows = list(dict.fromkeys([*gaps, *units]))
+        sides = [guard.side for guard in guards]
+        period, longest = about
+
+        def nearest(side: int) -> list[int]:
+            return [
+                nearest_guard(passages.watched[law.index(k)], factors, sides, positions, row, side)
+                for k in range(len(modes))
+                for row in gaps
+            ]
+
+        self.flights = IntegratedFlights(
+            values=list(values),
+            clock=[period],
+            sizes=[d, 2 * d, len(gaps), len(rows), longest],
+            factors=[c for row in rows for c in row],
+            unit=[rows.index(unit) for unit in units],
+            below=nearest(-1),
+            above=nearest(+1),
+            law=law,
+            row=[rows.index(row) for row in factors],
+            pivot=[pivot(row) for row in factors],
+            sides=sides,
+            positions=list(positions),
+            leaving=[int(side) for side in passages.leaving],
+            stays=[int(passages.arrivals[k][k] != ELSEWHERE) for k in range(len(guards))],
+            restitution=list(restitution),
+            slow=list(slow),
+            begins=[
+                int(other in passages.beginning(k))
+                for k in range(len(guards))
+                for other in range(len(guards))
+            ],
+            **dict.fromkeys(ROOM, ()),
+        )
+        self.size, self.rows = 2 * d - 1, len(rows)
+        self.count = max(len(statement(field).names) for field in fields)
+        self.series = max(path_by_series(field).space for field in fields)
+        identity = ("simulate integrated flights", str(law), *formulas(own))
+        build = functools.partial(program_of, own, fields, law)
+        self.engine = _ENGINES.setdefault(identity, Engine(identity, ARGUMENTS, build))
+
+    def room(self) -> list[Array]:
+        d, rows = self.flights.sizes[0], self.rows
+        sizes = (d, ROW), (rows * MOST, ROW), 2 * MOST * rows + 1, rows, rows, rows, 2 * d, d
+        space = 8 * d + 3 * self.flights.sizes[2]
+        return [np.zeros(size) for size in (*sizes, self.count, self.series, space)]
+
+    def make_plainly(self, at: Any, when: Any, columns: Sequence[Any], span: Any) -> int:
+        at[2] = LEFT
+        return 0
+
+
+def integrated_runs(
+    kernels: Kernels,
+    values: Sequence[float],
+    positions: Sequence[float],
+    restitution: Sequence[float],
+    slow: Sequence[float],
+    about: tuple[float, int],
+) -> IntegratedRuns | None:
+    """Return compiled runs at a period and of flights of so many periods at most; None where a
+    flight is not integrated, has no series, or does not have all coordinates."""
+    walls = list(kernels.model.letters)
+    if not all(map(kernels.integrated, walls)):
+        return None
+    fields = [field_of(kernels.field(wall)) for wall in walls]
+    whole = (statement(field).freedom == kernels.model.DEGREES_OF_FREEDOM for field in fields)
+    if not all(whole) or not all(map(has_series, fields)):
+        return None
+    return IntegratedRuns(kernels, values, positions, restitution, slow, about)

@@ -1,0 +1,140 @@
+"""Integrated flights from impact to impact, compiled: against plain ones, and SciPy's."""
+
+import importlib.util
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import contimpact as ci
+from contimpact.simulation.run import Outcome
+from contimpact.simulation.simulator import Simulator
+from contimpact.systems.duffing import Duffing
+from contimpact.systems.pendulum import Pendulum
+
+pytest.importorskip("heyoka", reason="needs contimpact[ode]")
+pytestmark = pytest.mark.skipif(
+    importlib.util.find_spec("llvmlite") is None, reason="the extra 'fast' is not installed"
+)
+
+BRANCHES = Path(__file__).parents[2] / "branches"
+HARD = {"a": 1.0, "omega": 1.3, "c": 0.1, "alpha": 1.0, "beta": 0.5, "sigma": 0.5, "r": 0.8}
+STICKING = {"a": 0.3, "omega": 0.3, "c": 0.1, "alpha": 1.0, "beta": 0.2, "sigma": 0.1, "r": 0.3}
+SOFTENING = {"a": 0.3, "omega": 1.0, "c": 0.1, "alpha": 1.0, "beta": -0.5, "sigma": 1.0, "r": 1.0}
+
+
+def scene_model(name):
+    return ci.load_scene(BRANCHES / name / "scene.toml").model
+
+
+MODELS = {
+    "one coordinate": lambda: Duffing(**HARD),
+    "chatter and sticking": lambda: Duffing(**STICKING),
+    "a guard passed back and forth": lambda: scene_model("coco_piecewise"),
+    "two coordinates": lambda: scene_model("impact_duffing"),
+    "a law that switches": lambda: scene_model("coco_bang_bang"),
+}
+
+
+@pytest.fixture
+def compiled(monkeypatch):
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
+
+
+def after(machine, before, made=1):
+    """What one plain flight makes of a state."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("CONTIMPACT_COMPILED", "never")
+        end, outcome, count, _ = machine.make(before, (made, 2**62), made, False, np.inf)
+    return end if count else outcome
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_every_impact_is_that_of_plain_python(name, compiled):
+    """Guards, releases and outcomes are the same; times and states to rounding."""
+    simulator, made = Simulator(MODELS[name]()), 0
+    assert simulator.machine._runs is not None
+    for seed in range(3):
+        start = simulator.random_state(seed)
+        run = simulator.run(start, impacts=20)
+        for before, here in pairwise([start, *run.states()]):
+            alone = after(simulator.machine, before)
+            assert (here.wall, here.released) == (alone.wall, alone.released)
+            time = (here.turns - alone.turns) * simulator.period + here.phase - alone.phase
+            assert abs(time) < 1e-11
+            assert here.section == pytest.approx(alone.section, rel=1e-10, abs=1e-10)
+            made += 1
+    assert made == 60
+    assert simulator.machine._runs.engine.found is not None
+
+
+def test_chatter_and_sticking_are_left_to_plain_python(compiled, monkeypatch):
+    runs = []
+    for mode in ("always", "never"):
+        monkeypatch.setenv("CONTIMPACT_COMPILED", mode)
+        simulator = Simulator(Duffing(**STICKING))
+        runs.append(simulator.run(simulator.state("S", 0.3, 1.0), impacts=60))
+    one, other = runs
+    assert np.count_nonzero(one.released) == 3
+    assert one.released.tolist() == other.released.tolist()
+    assert one.times == pytest.approx(other.times, abs=1e-10)
+
+
+def test_impacts_are_where_an_integration_has_them(compiled):
+    """SciPy's, to a tolerance of 1e-12, one flight after the other."""
+    model = Duffing(**HARD)
+    simulator = Simulator(model)
+    start = simulator.state("S", 0.3, 1.0)
+    run = simulator.run(start, impacts=10)
+
+    def field(t, y):
+        spring = HARD["alpha"] * y[0] + HARD["beta"] * y[0] ** 3
+        return [y[1], HARD["a"] * np.cos(HARD["omega"] * t) - HARD["c"] * y[1] - spring]
+
+    def gap(t, y):
+        return HARD["sigma"] - y[0]
+
+    gap.terminal, gap.direction = True, -1
+    tight = {"rtol": 1e-12, "atol": 1e-13, "method": "DOP853", "events": gap}
+    for before, here in pairwise([start, *run.states()]):
+        begin = before.phase + before.turns * simulator.period
+        left = [HARD["sigma"] - 1e-300, -HARD["r"] * before.velocity]
+        found = solve_ivp(field, (begin, begin + 30.0), left, **tight)
+        assert here.turns * simulator.period + here.phase == pytest.approx(found.t[-1], abs=1e-9)
+        assert here.velocity == pytest.approx(found.y[1, -1], abs=1e-9)
+
+
+def test_many_starts_end_where_each_does_alone(compiled):
+    simulator = Simulator(Duffing(**HARD))
+    starts = [simulator.random_state(seed) for seed in range(12)]
+    together = simulator.run_all(starts, periods=5, threads=2)
+    alone = [simulator.run(start, periods=5) for start in starts]
+    assert [outcome for outcome, _ in together] == [run.outcome for run in alone]
+    assert [end for _, end in together] == [run.end for run in alone]
+
+
+def test_a_flight_that_escapes_runs_away(compiled):
+    """Beyond the unstable rest of a softening spring motion is infinite after a finite time."""
+    simulator = Simulator(Duffing(**SOFTENING))
+    run = simulator.run(simulator.state("S", 0.3, 30.0), impacts=200)
+    assert (run.outcome, run.end, run.left) == (Outcome.RUNAWAY, None, None)
+
+
+def test_a_motion_that_meets_no_wall_says_so(compiled):
+    """The stop is out of reach of the small orbit, on which a slow start settles."""
+    model = Pendulum(a=0.1, omega=2.0, c=0.5, sigma=1.0, r=0.8)
+    simulator = Simulator(model, longest_flight=50)
+    run = simulator.run(simulator.state("S", 0.3, 0.1), impacts=200)
+    assert run.outcome is Outcome.NO_IMPACT
+
+
+@pytest.mark.parametrize("mode", ["never", "always"])
+def test_a_flow_that_ceases_behind_a_guard_is_cut_there(mode, monkeypatch):
+    """Behind its contact the force is singular: windows that reach so far are halved."""
+    monkeypatch.setenv("CONTIMPACT_COMPILED", mode)
+    simulator = Simulator(scene_model("coco_stick_slip"))
+    run = simulator.run(simulator.random_state(1), impacts=30)
+    assert len(run) == 30
+    assert run.outcome is Outcome.DONE
