@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..arrays import INTEGERS, TABLE, VECTOR, Array, Table, Vector
-from ..models.guards import pivot
+from ..models.guards import orders_of, pivot
 from ..segments.arithmetic import Kernel
 from ..segments.flight import first_hit
 from ..segments.integration import statement
@@ -71,6 +71,10 @@ class IntegratedFlights(NamedTuple):
     """Of each wall, the velocity of impacts up to which a flight is left to plain Python."""
     begins: Vector
     """Whether the flight after each wall begins on the surface of each other one, shape (w w,)."""
+    freedom: Vector
+    """Coordinates of each field; the others are at zero, shape (l,)."""
+    weights: Vector
+    """Of each field, the factors of its coordinates in each row, shape (l q d,)."""
     own: Table
     steps: Table
     breaks: Vector
@@ -167,6 +171,7 @@ def fly_integrated(
     d, rows, period = flights.sizes[0], flights.sizes[3], flights.clock[0]
     law, numbers, section = flights.law[wall], flights.numbers, section_place(flights)
     velocity, fastest = space[section], space[section + 2 * d - 1]
+    n, weights = flights.freedom[law], flights.weights[law * rows * d :]
     if abs(velocity) <= flights.slow[wall]:
         return LEFT, wall, 0.0
     begin(wall, phase, space[section:], flights.values, numbers)
@@ -181,12 +186,12 @@ def fly_integrated(
         flights.forces,
     )
     for i in range(d):
-        space[i] = numbers[1 + i]
+        space[i] = numbers[1 + i] if i < n else 0.0
     if flights.stays[wall] == 0 and is_beyond(flights, law, space):
         return BEYOND, wall, 0.0
     left, began, passed, length = wall, numbers[0], 0.0, FIRST * period
     while passed < flights.sizes[4] * period:
-        made = path(law, length, numbers, flights.series, flights.factors, rows, way)
+        made = path(law, length, numbers, flights.series, weights, rows, way)
         if made < 0:
             length *= 0.5
             if length < LEAST * period:
@@ -200,13 +205,13 @@ def fly_integrated(
         space[j] = speed
         for i in range(d):
             x, v, _ = motion_of_gap((flights.unit[i], rows, made), at, flights.steps)
-            if reached < 0:
+            if reached < 0 and i < n:
                 numbers[1 + i] += x
-                numbers[1 + d + i] = v
+                numbers[1 + n + i] = v
                 space[i] = numbers[1 + i]
                 if not abs(v) <= fastest:
                     return LEFT, wall, 0.0
-            elif i != flights.pivot[reached]:
+            elif reached >= 0 and i != flights.pivot[reached]:
                 space[j + 1], space[j + 2] = space[i] + x, v
                 j += 2
         if reached >= 0:
@@ -219,9 +224,8 @@ def fly_integrated(
 
 # Runs of systems whose flights are all integrated.
 
-FIELDS = (
-    VECTOR * 2 + INTEGERS + VECTOR + INTEGERS * 7 + VECTOR + INTEGERS * 2 + VECTOR * 2 + INTEGERS
-)
+FIELDS = VECTOR * 2 + INTEGERS + VECTOR + INTEGERS * 7 + VECTOR
+FIELDS += INTEGERS * 2 + VECTOR * 2 + INTEGERS * 2 + VECTOR
 """Kinds of the fields of `IntegratedFlights` before `ROOM`."""
 ARGUMENTS = FIELDS + TABLE * 2 + VECTOR * 9 + INTEGERS + VECTOR + COLUMNS + INTEGERS
 """Kinds of the entry's arguments, as in `linear_flights`."""
@@ -242,9 +246,12 @@ def entry({fields}, space, state, when, walls, turns, phases, sections, span):
 """
 
 
-def program_of(kernels: Sequence[Kernel], fields: Sequence[str], law: Sequence[int]) -> Program:
+def program_of(
+    kernels: Sequence[Kernel], fields: Sequence[str], law: Sequence[int], section: int
+) -> Program:
     """Return the program that simulates from impact to impact, from the kernels ``field`` of all
-    walls, the fields of the modes, and which of these comes after each wall."""
+    walls, the fields of the modes, which of these comes after each wall, and the number of section
+    coordinates."""
     from ..segments.machine_code import Program
 
     program = Program({row_of: row_of_compiled})
@@ -252,7 +259,7 @@ def program_of(kernels: Sequence[Kernel], fields: Sequence[str], law: Sequence[i
     lines = ["def any_start(wall, phase, y, p, numbers):"]
     for wall, (name, kernel) in enumerate(starts.items()):
         stated = statement(fields[law[wall]])
-        size, section = len(stated.names) - 1, 2 * stated.freedom - 1
+        size = len(stated.names) - 1
         others = range(kernel.__code__.co_argcount - 1 - section)
         given = ", ".join([*(f"y[{i}]" for i in range(section)), *(f"p[{i}]" for i in others)])
         lines += [f"    if wall == {wall}:", f"        x{wall} = {name}(phase, {given})"]
@@ -271,6 +278,12 @@ def program_of(kernels: Sequence[Kernel], fields: Sequence[str], law: Sequence[i
     entry = ENTRY.format(fields=", ".join(IntegratedFlights._fields))
     program.glue(entry, make_flights=make_flights, fly_integrated=fly_integrated)
     return program
+
+
+def _padded(rows: Sequence[tuple[float, ...]], n: int) -> list[float]:
+    """The factors of the first n coordinates in each row, with room for all."""
+    found = [c for row in rows for c in row[:n]]
+    return found + [0.0] * (len(rows) * len(rows[0]) - len(found))
 
 
 _ENGINES: dict[tuple[str, ...], Engine] = {}
@@ -301,6 +314,7 @@ class IntegratedRuns(Runs):
         units = [tuple(float(i == j) for j in range(d)) for i in range(d)]
         rows = list(dict.fromkeys([*gaps, *units]))
         sides = [guard.side for guard in guards]
+        sizes = [statement(field).freedom for field in fields]
         period, longest = about
 
         def nearest(side: int) -> list[int]:
@@ -327,6 +341,8 @@ class IntegratedRuns(Runs):
             stays=[int(passages.arrivals[k][k] != ELSEWHERE) for k in range(len(guards))],
             restitution=list(restitution),
             slow=list(slow),
+            freedom=sizes,
+            weights=[c for n in sizes for c in _padded(rows, n)],
             begins=[
                 int(other in passages.beginning(k))
                 for k in range(len(guards))
@@ -338,7 +354,7 @@ class IntegratedRuns(Runs):
         self.count = max(len(statement(field).names) for field in fields)
         self.series = max(path_by_series(field).space for field in fields)
         identity = ("simulate integrated flights", str(law), *formulas(own))
-        build = functools.partial(program_of, own, fields, law)
+        build = functools.partial(program_of, own, fields, law, self.size)
         self.engine = _ENGINES.setdefault(identity, Engine(identity, ARGUMENTS, build))
 
     def room(self) -> list[Array]:
@@ -361,12 +377,16 @@ def integrated_runs(
     about: tuple[float, int],
 ) -> IntegratedRuns | None:
     """Return compiled runs at a period and of flights of so many periods at most; None where a
-    flight is not integrated, has no series, or does not have all coordinates."""
+    flight is not integrated, has no series, or lacks others than the last coordinates."""
     walls = list(kernels.model.letters)
     if not all(map(kernels.integrated, walls)):
         return None
-    fields = [field_of(kernels.field(wall)) for wall in walls]
-    whole = (statement(field).freedom == kernels.model.DEGREES_OF_FREEDOM for field in fields)
-    if not all(whole) or not all(map(has_series, fields)):
+    if not all(has_series(field_of(kernels.field(wall))) for wall in walls):
         return None
+    model, size = kernels.model, kernels.model.DEGREES_OF_FREEDOM
+    for guard in model.WALLS:
+        orders = orders_of(model.MODES, guard.next_mode, size)
+        n = statement(field_of(kernels.field(guard.name))).freedom
+        if 0 in orders[:n] or any(orders[n:]):
+            return None
     return IntegratedRuns(kernels, values, positions, restitution, slow, about)

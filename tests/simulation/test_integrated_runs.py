@@ -34,6 +34,7 @@ MODELS = {
     "chatter and sticking": lambda: Duffing(**STICKING),
     "a guard passed back and forth": lambda: scene_model("coco_piecewise"),
     "two coordinates": lambda: scene_model("impact_duffing"),
+    "a mode of fewer coordinates": lambda: scene_model("coco_stick_slip"),
     "a law that switches": lambda: scene_model("coco_bang_bang"),
 }
 
