@@ -3,8 +3,8 @@
 A flight is followed in windows by `segments.taylor`, so that little of it lies beyond the guard
 that ends it, where the flow may cease to be finite. In each the gap coordinates are polynomials in
 pieces between whose accelerations' zeros `segments.flight` finds the first arrival, so that none is
-missed. A flight that begins at rest or ends the impacts on a wall, and one that is not resolved, is
-left to plain Python, which integrates by heyoka; see `flights`.
+missed. A flight that begins at rest, ends the impacts on a wall, is over at once or is not resolved
+is left to plain Python, which integrates by heyoka; see `flights`.
 
 The functions up to `fly_integrated` are in the plain subset of Python that `contimpact.compiling`
 compiles.
@@ -28,7 +28,7 @@ from ..segments.kernels import Kernels
 from ..segments.oscillation import MOST, ROW, FollowedFlight, motion_of_gap, row_of, row_of_compiled
 from ..segments.segment import ELSEWHERE
 from ..segments.taylor import departure_kernel, field_of, has_series, path_by_series
-from .flights import FIRST, LEAST
+from .flights import FIRST, LEAST, NUDGE
 from .linear_flights import (
     BEYOND,
     LEFT,
@@ -198,7 +198,7 @@ def fly_integrated(
                 return LEFT, wall, 0.0
             continue
         reached, dt, speed = arrivals_on_steps(flights, law, left, velocity, made, length, space)
-        if reached == -2:
+        if reached == -2 or (reached >= 0 and passed + dt <= NUDGE * period):
             return LEFT, wall, 0.0
         at = dt if reached >= 0 else length
         j = section
