@@ -292,7 +292,7 @@ _ENGINES: dict[tuple[str, ...], Engine] = {}
 class IntegratedRuns(Runs):
     """Compiled runs of a system whose flights are all integrated."""
 
-    fields = FIELDS
+    fields, dear = FIELDS, True
 
     def __init__(
         self,

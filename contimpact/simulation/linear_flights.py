@@ -529,7 +529,7 @@ def entry({fields}, space, state, when, walls, turns, phases, sections, span):
 """
 
 FEW = 1024
-"""Impacts made at once plainly."""
+"""Impacts made at once plainly, or where flights take long."""
 
 
 def leaving_text(laws: Sequence[Law], given: int, place: int) -> str:
@@ -663,6 +663,8 @@ class Runs(ABC):
     engine: Engine
     size: int
     """Section coordinates."""
+    dear: ClassVar[bool] = False
+    """Whether flights take long: fewer are made at once, so that interruptions come through."""
 
     @functools.cached_property
     def _arrays(self) -> list[Array]:
@@ -683,7 +685,7 @@ class Runs(ABC):
     ) -> tuple[State, Outcome | None, int, list[Any]]:
         """Make impacts as `Automaton.make`; the outcome is None where a flight is left to it."""
         fast = self.engine.program(asked)
-        most = span[0] if fast else min(span[0], FEW)
+        most = span[0] if fast and not self.dear else min(span[0], FEW)
         rows = most if record else 0
         shapes = (rows, rows, rows, rows * self.size)
         columns: list[Any] = [

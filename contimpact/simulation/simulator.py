@@ -391,6 +391,8 @@ LONGEST = 65536
 """Impacts of a start made in one call at most."""
 PARTS = 4
 """Parts of the starts for each thread, so that all end at about the same time."""
+AT_A_TIME = 8192
+"""Periods of all starts of a part at most: an interruption is noticed between parts."""
 
 
 class Batch:
@@ -452,7 +454,8 @@ class Batch:
         fastest = [self.simulator.runaway_speed(speed) for speed in speeds.tolist()]
         when = _rows(self.phases[chosen], self.sections[chosen], fastest)
         limits = _rows(0 * chosen + LONGEST, self.turns[chosen] + periods)
-        size = max(1, math.ceil(len(chosen) / (PARTS * self.threads)))
+        size = min(math.ceil(len(chosen) / (PARTS * self.threads)), AT_A_TIME // max(periods, 1))
+        size = max(1, size)
         parts = [slice(first, first + size) for first in range(0, len(chosen), size)]
 
         def make(part: slice) -> None:
