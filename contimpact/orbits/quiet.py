@@ -31,7 +31,7 @@ from ..models.model import Model
 from ..models.word import Word
 from ..segments.arithmetic import ARRAYS, evaluate_in
 from ..segments.flight import FlightGaps, Touch, breaks_of, touch_of
-from ..segments.integration import IntegratedTrack, integrated_track, join_flights
+from ..segments.integration import IntegratedTrack, integrated_track, join_flights, states_along
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION
 from ..segments.oscillation import Excursion, Moved, excursions
@@ -369,13 +369,12 @@ class QuietProblem(OrbitProblem):
         values, state = self.values(unknowns), self.state(unknowns)
         length = self.span(unknowns)
         guard = self.model.WALLS[0]
-        if self.kernels.integrated(SECTION):  # once, for all instants and for the gaps
-            around = self.times_around(unknowns, 0)[1]
+        if self.kernels.integrated(SECTION):
+            times = length / INSTANTS * np.arange(INSTANTS)
             try:
-                track = integrated_track(self.kernels, SECTION, state, values, around)
+                _, speeds = states_along(self.kernels, SECTION, state, values, times)
             except ArithmeticError:
                 return math.nan
-            _, speeds = track.at(length / INSTANTS * np.arange(INSTANTS))
             row = np.array(guard.row(self.m // 2), dtype=float)
             return float(np.max(np.abs(speeds @ row[: speeds.shape[1]])))
         since = self.kernels.since(guard.name)
