@@ -20,6 +20,7 @@ from ..orbits.cyclic_chain import (
     BY_RATE,
     FINDINGS,
     GAPS,
+    PERIODS,
     WATCHED,
     ChainVectors,
     block_size,
@@ -281,6 +282,11 @@ class SectionBackend(ChainBackend):
     def __init__(self, problem: OrbitProblem, gaps: bool, doubling: bool) -> None:
         super().__init__(problem, gaps, doubling)
         self.by_laws, self.count = False, 1
+
+    def vectors(self, made_by: Containers) -> ChainVectors:
+        given = super().vectors(made_by)
+        given.counts[PERIODS] = 1  # also where the period is one of the unknowns
+        return given
 
     def follows(self, compiled: bool) -> bool:
         model, size = self.problem.model, self.problem.model.DEGREES_OF_FREEDOM

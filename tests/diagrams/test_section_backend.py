@@ -34,6 +34,7 @@ def both_ways(model, parameter, limits, plain_and_compiled, choose=lambda orbits
         lambda: ci.continue_orbit(orbit, parameter, limits, events=EVENTS)
     )
     assert len(one) == len(other)
+    assert (one[parameter].min(), one[parameter].max()) == limits
     for name, column in one.columns.items():
         if column.dtype.kind == "f" and name not in ("residual", "iterations"):
             assert other[name] == pytest.approx(column, rel=1e-8, abs=1e-8, nan_ok=True), name
