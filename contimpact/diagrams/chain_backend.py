@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import math
 from collections.abc import Callable, Sequence
@@ -266,8 +267,9 @@ class ChainBackend(OrbitBackend[ChainVectors]):
         n, kernels = self.problem.n + 1, self.problem.kernels
         at = 2 * n + HEAD
         kernels.whole = not kernels.long  # which the steps have noticed
+        compiling_helps = self.follows(compiled=True)
         try:
-            with timed_plainly(self.program):
+            with timed_plainly(self.program) if compiling_helps else contextlib.nullcontext():
                 for row in rows:
                     if math.isnan(row[at + 1]) and row[at + self.described - 2] != 0.0:
                         self.resolve(row[:n], row, at)
