@@ -47,6 +47,11 @@ def _array_table(rows: int, columns: int) -> Table:
     return np.zeros((rows, columns))
 
 
+def tail(vector: Vector, place: int) -> Vector:
+    """Return what a vector has from a place on; compiled code takes it that it has that place."""
+    return vector[place:]
+
+
 LISTS = Containers(_list, _list_table)
 ARRAYS = Containers(_array, _array_table)
 

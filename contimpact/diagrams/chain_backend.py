@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,21 +21,26 @@ from ..orbits.cyclic_chain import (
     BY_RATE,
     FINDINGS,
     GAPS,
+    PERIODS,
     WATCHED,
     ChainVectors,
     block_size,
     chain_step,
     evaluate_chain,
+    evaluate_section,
     follow_law,
     kept_size,
+    measure_chain,
+    measure_section,
     observe_chain,
     tangent_of_chain,
 )
-from ..orbits.multipliers import known_multipliers, pencil_multipliers, products_of
+from ..orbits.multipliers import known_multipliers, pencil_multipliers, products_of, stability_of
 from ..orbits.problem import Linearisation, OrbitProblem
-from ..segments.layout import Blocks, Setup
+from ..segments.compiling import timed_plainly
+from ..segments.layout import SECTION, Blocks, Setup
 from ..segments.oscillation import MOST, ROW
-from ..segments.segment import ELSEWHERE
+from ..segments.segment import AT_SECTION, ELSEWHERE
 from ..segments.touches import coordinates
 from .orbit_backend import Functions, OrbitBackend
 
@@ -114,6 +120,9 @@ class ChainBackend(OrbitBackend[ChainVectors]):
         given = *start, *self.problem.model.values.values()
         return {a: int(kernels.law(a)(*given)[1]) for a in dict.fromkeys(self.problem.word.walls)}
 
+    def path(self) -> dict[str, Sequence[float]]:
+        return super().path() | {"watched": self.watched}
+
     @functools.cached_property
     def described(self) -> int:
         return 1 + FINDINGS + 2 * self.problem.m**2 + 2
@@ -130,10 +139,9 @@ class ChainBackend(OrbitBackend[ChainVectors]):
 
         common = self.common(made_by, m, many)
         common["counts"][GAPS] = int(self.follows(compiled=made_by is ARRAYS))
-        common["watched"] = vector(self.watched)
         return ChainVectors(
             **common,
-            measured=vector([measured[i] for i in range(self.walls)]),
+            measured=vector([measured.get(i, -1) for i in range(len(self.jumps))]),
             weights=vector([float(c) for row in self.coordinates for c in row]),
             jumps=vector(self.jumps),
             ends=zeros(max(2 * m, size)),
@@ -190,7 +198,7 @@ class ChainBackend(OrbitBackend[ChainVectors]):
         def observe(
             orbit: ChainVectors, z: Vector, tangent: Vector, sign: float, row: Vector, at: int
         ) -> None:
-            observe_chain(follow, orbit, z, tangent, sign, row, at)
+            observe_chain(measure_chain, follow, orbit, z, row, at)
 
         return evaluate, chain_step, tangent_of_chain, observe
 
@@ -235,17 +243,23 @@ class ChainBackend(OrbitBackend[ChainVectors]):
             self._look_at(rows)
         unknowns, tangents, signs, places, tries, seen = columns(rows, self.problem.n + 1)
         pencils = seen[:, 1 + FINDINGS : 1 + FINDINGS + 2 * m * m].reshape(-1, 2, m, m)
-        values = pencil_multipliers(pencils[:, 0], pencils[:, 1])
-        values = known_multipliers(values, self.problem.lost, int(self.problem.autonomous))
+        span, doubling = seen[:, self.described - 2], seen[:, self.described - 1]
+        values, products, doubling = self.stability(pencils, doubling)
         findings = seen[:, 1 : 1 + FINDINGS]
         about, made = np.hstack([seen[:, :1], values.view(float), findings]), self.problem.described
-        span, doubling = seen[:, self.described - 2], seen[:, self.described - 1]
         gaps = self.described + self.count * self.walls
         turns = gaps + self.count
         nearest = seen[:, self.described : gaps].reshape(-1, self.count, self.walls)
-        points, cycle = (unknowns, tangents, signs), (span, doubling, products_of(values))
+        points, cycle = (unknowns, tangents, signs), (span, doubling, products)
         measured = ManyOrbits(*points, *cycle, nearest, seen[:, gaps:turns], seen[:, turns:])
         return Block(*points, places, tries, about, made, measured=measured)
+
+    def stability(self, pencils: Array, doubling: Array) -> tuple[Array, Array, Array]:
+        """Multipliers, their products, and the determinants of period doublings, from the pencils
+        of the points and the determinants that steps have recorded."""
+        values = pencil_multipliers(pencils[:, 0], pencils[:, 1])
+        values = known_multipliers(values, self.problem.lost, int(self.problem.autonomous))
+        return values, products_of(values), doubling
 
     def _look_at(self, rows: Array) -> None:
         """Fill in gaps and verdicts where they are not told; points beyond the range have no
@@ -253,12 +267,119 @@ class ChainBackend(OrbitBackend[ChainVectors]):
         n, kernels = self.problem.n + 1, self.problem.kernels
         at = 2 * n + HEAD
         kernels.whole = not kernels.long  # which the steps have noticed
+        compiling_helps = self.follows(compiled=True)
         try:
-            for row in rows:
-                if math.isnan(row[at + 1]) and row[at + self.described - 2] != 0.0:
-                    self.resolve(row[:n], row, at)
+            with timed_plainly(self.program) if compiling_helps else contextlib.nullcontext():
+                for row in rows:
+                    if math.isnan(row[at + 1]) and row[at + self.described - 2] != 0.0:
+                        self.resolve(row[:n], row, at)
         finally:
             kernels.whole = False
+
+
+class SectionBackend(ChainBackend):
+    """The same for orbits without impacts whose flight is integrated: from the section, which is
+    a guard behind all others on no gap coordinate, back to it."""
+
+    def __init__(self, problem: OrbitProblem, gaps: bool, doubling: bool) -> None:
+        super().__init__(problem, gaps, doubling)
+        self.by_laws, self.count = False, 1
+
+    def vectors(self, made_by: Containers) -> ChainVectors:
+        given = super().vectors(made_by)
+        given.counts[PERIODS] = 1  # also where the period is one of the unknowns
+        return given
+
+    def follows(self, compiled: bool) -> bool:
+        model, size = self.problem.model, self.problem.model.DEGREES_OF_FREEDOM
+        return self.gaps and compiled and all(orders_of(model.MODES, model.first_mode, size))
+
+    @functools.cached_property
+    def coordinates(self) -> dict[Row, list[int]]:
+        mode, found = self.problem.model.first_mode, super().coordinates
+        guards = self.problem.model.WALLS
+        return {
+            row: walls
+            for row, walls in found.items()
+            if any(mode in guards[i].modes for i in walls)
+        }
+
+    @functools.cached_property
+    def jumps(self) -> list[int]:
+        return [1] * (self.walls + 1)
+
+    def path(self) -> dict[str, Sequence[float]]:
+        guards, mode = self.problem.model.WALLS, self.problem.model.first_mode
+        met = [WATCHED * (mode in guard.modes and not guard.past) for guard in guards]
+        return {
+            "kinds": [0],
+            "word": [self.walls],
+            "arrivals": [AT_SECTION],
+            "watched": [0] * self.walls**2 + met,
+            "leaving": [0.0] * (self.walls + 1),
+            "velocities": [],
+        }
+
+    @functools.cached_property
+    def functions(self) -> Functions[ChainVectors]:
+        problem, m = self.problem, self.problem.m
+        kernels, periods, free = problem.kernels, problem.word.period, problem.autonomous
+        noticed = kernels.noticed(SECTION, str(periods))
+
+        def flight(z: Vector, values: Vector) -> Blocks:
+            rows, start, end, by = noticed(z[0], 0.0 if free else z[1], *z[2:m], *z[:m], *values)
+            return rows, tuple(problem.leaves(start).tolist()), end, by
+
+        def setup(values: Vector) -> Setup:
+            return kernels.setup(*values)
+
+        def spans(z: Vector, period: float) -> tuple[float, float]:
+            return (z[1], z[1]) if free else (periods * period, period)
+
+        def evaluate(orbit: ChainVectors, z: Vector) -> float:
+            try:
+                return evaluate_section(flight, spans, setup, orbit, z)
+            except (ArithmeticError, ValueError):
+                return math.nan
+
+        def follow(orbit: ChainVectors, wall: int, z: Vector, at: int, length: float) -> int:
+            return -1
+
+        def observe(
+            orbit: ChainVectors, z: Vector, tangent: Vector, sign: float, row: Vector, at: int
+        ) -> None:
+            observe_chain(measure_section, follow, orbit, z, row, at)
+
+        return evaluate, chain_step, tangent_of_chain, observe
+
+    @functools.cached_property
+    def variant(self) -> str | None:
+        return None if self.obstacle else f"section {self.problem.word.period}"
+
+    @functools.cached_property
+    def obstacle(self) -> str:
+        return "" if self.problem.kernels.has_path(SECTION) else "a field that has no series"
+
+    @functools.cached_property
+    def space(self) -> int:
+        from .orbit_program import space_from_section
+
+        return space_from_section(self.problem.kernels, self.problem.word.period)
+
+    def written(self) -> Program:
+        from .orbit_program import section_program_of as program_of
+
+        return program_of(self.problem.kernels, self.problem.word.period)
+
+    def stability(self, pencils: Array, doubling: Array) -> tuple[Array, Array, Array]:
+        """The same, as at single points."""
+        lost, held = self.problem.lost, int(self.problem.autonomous)
+        found = [stability_of(*pencil[:, None]).without(lost, held) for pencil in pencils]
+        return (
+            np.array([one.multipliers for one in found]),
+            np.array([one.products for one in found]),
+            np.array([one.doubling for one in found]),
+        )
 
 
 def follows_laws(problem: OrbitProblem) -> bool:

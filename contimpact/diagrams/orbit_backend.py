@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, ClassVar, Generic, TypeAlias, TypeVar
 
 import numpy as np
@@ -152,27 +153,31 @@ class OrbitBackend(ABC, Generic[V]):
         """The vectors and tables that all backends have, by name, with `more` in the counts."""
         vector, table = made_by
         problem, count, walls = self.problem, self.count, self.walls
-        word = [problem.model.letters.index(letter) for letter in problem.word.walls]
         place = list(problem.model.values).index(problem.parameter)
         wanted: list[int] = [int(self.gaps), int(self.doubling), *more]
-        passages = problem.kernels.passages
         return {
-            "kinds": vector(
-                [a * walls + b for a, b in zip(word, word[1:] + word[:1], strict=True)]
-            ),
-            "word": vector(word),
-            "arrivals": vector(problem.arrivals),
-            "watched": vector([int(meets) for row in passages.watched for meets in row]),
             "counts": vector([walls, problem.word.period, place, self.derived, *wanted]),
             "values": vector(list(problem.model.values.values())),
             "sides": vector([float(wall.side) for wall in problem.model.WALLS]),
-            "leaving": vector(passages.leaving),
             "fixed": table(1, POSITIONS + len(self.setup.walls) + len(self.setup.derived)),
             "clock": vector([0.0] * (GROWN + 1)),
             "durations": vector([0.0] * count),
             "gaps": vector([0.0] * count * walls),
             "times": vector([0.0] * count * walls),
-            "velocities": vector([0.0] * count),
+            **{name: vector(numbers) for name, numbers in self.path().items()},
+        }
+
+    def path(self) -> dict[str, Sequence[float]]:
+        """The word and what it passes, by numbers of its guards."""
+        problem, walls, passages = self.problem, self.walls, self.problem.kernels.passages
+        word = [problem.model.letters.index(letter) for letter in problem.word.walls]
+        return {
+            "kinds": [a * walls + b for a, b in zip(word, word[1:] + word[:1], strict=True)],
+            "word": word,
+            "arrivals": problem.arrivals,
+            "watched": [int(meets) for row in passages.watched for meets in row],
+            "leaving": passages.leaving,
+            "velocities": [0.0] * len(word),
         }
 
     @property

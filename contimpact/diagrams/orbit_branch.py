@@ -542,7 +542,7 @@ class Run:
                 continue
             if self._same(solve_near(self.problem, guess), unknowns):
                 return True
-        return any(self._passes_at_turn(i, unknowns) for i in self._turning)
+        return any(self._passes_at_turn(*turn, unknowns) for turn in self._turning)
 
     def has(self, problem: OrbitProblem, unknowns: Array) -> bool:
         """Whether an orbit lies on this branch, its word rotated perhaps."""
@@ -550,21 +550,23 @@ class Run:
         return turned is not None and self.holds(turned)
 
     @functools.cached_property
-    def _turning(self) -> list[int]:
-        """The ways from a row to the next one beside which the parameter turns back.
+    def _turning(self) -> list[tuple[int, Array]]:
+        """The ways from a row to the next one beside which the parameter turns back, and sizes.
 
         Between them it goes beyond both, and at one value there are two orbits next to each other.
         """
         step = np.diff(self.rows[:, -1])
         turns = 1 + np.nonzero(step[:-1] * step[1:] <= 0.0)[0]
         near = {int(i) for turn in turns for i in range(turn - 2, turn + 2)}
-        return sorted(i for i in near if 0 <= i < len(step))
+        span = float(np.ptp(self.rows[:, -1])) or 1.0
+        return [
+            (i, self.problem.scale(self.rows[i], span)) for i in sorted(near) if 0 <= i < len(step)
+        ]
 
-    def _passes_at_turn(self, row: int, unknowns: Array) -> bool:
+    def _passes_at_turn(self, row: int, scale: Array, unknowns: Array) -> bool:
         """Whether the branch from a row to the next one passes an orbit: where it meets the plane
         through the orbit across its way, it is that orbit."""
         problem, left, right = self.problem, self.rows[row], self.rows[row + 1]
-        scale = problem.scale(left, float(np.ptp(self.rows[:, -1])) or 1.0)
         way, away = (right - left) / scale, problem.difference(unknowns, left) / scale
         length = float(way @ way)
         if not length:  # where two walks begin, the point stands twice

@@ -14,15 +14,18 @@ from ..orbits.cyclic_chain import (
     ChainVectors,
     chain_step,
     evaluate_chain,
+    evaluate_section,
     follow_field,
     follow_law,
+    measure_chain,
+    measure_section,
     observe_chain,
     tangent_of_chain,
 )
 from ..segments.arithmetic import Kernel, kernel_of
 from ..segments.flight import add_excursions
 from ..segments.kernels import Kernels
-from ..segments.layout import Family
+from ..segments.layout import SECTION, Family
 from ..segments.linear_flow import LONGEST, MEANS, SLOPES, balance, flow, halve_time
 from ..segments.machine_code import Program, choice
 from ..segments.oscillation import FollowedFlight, row_of, row_of_compiled
@@ -248,7 +251,7 @@ def observe(orbit, z, tangent, orientation, row, at):
     return observe_cycle(breaks, excursion, orbit, z, row, at)
 """
 
-NOTICE = "notice_growth(orbit.blocks, len(orbit.kinds), 2, orbit.clock)"
+NOTICE = "notice_growth(orbit.blocks, len(orbit.kinds), 2, True, orbit.clock)"
 
 
 def program_of(kernels: Kernels, variant: str) -> Program:
@@ -285,7 +288,35 @@ def follow(orbit, wall, z, at, length):
     return {follow}
 
 def observe(orbit, z, tangent, orientation, row, at):
-    return observe_chain(follow, orbit, z, tangent, orientation, row, at)
+    return observe_chain(measure_chain, follow, orbit, z, row, at)
+"""
+
+FROM_SECTION = """
+def one_flight(z, p):
+    rows, start, end, free = flight_on({state}, {unknowns}, {p}, p[{count}:])
+    return rows, ({leaves}), end, free
+
+def spans(z, period):
+    return {spans}
+
+def any_start(wall, z, p):
+    return start_of({state}, {p})
+
+def any_path(wall, z, p, length, weights, count, way):
+    return path_of({state}, {p}, length, p[{count}:], weights, count, way)
+"""
+
+OF_SECTION = """
+def evaluate(orbit, z):
+    size = evaluate_section(one_flight, spans, any_setup, orbit, z)
+    notice_growth(orbit.blocks, 1, {m}, False, orbit.clock)
+    return size
+
+def follow(orbit, wall, z, at, length):
+    return follow_field(any_start, any_path, orbit, wall, z, at, length)
+
+def observe(orbit, z, tangent, orientation, row, at):
+    return observe_chain(measure_section, follow, orbit, z, row, at)
 """
 
 
@@ -306,10 +337,10 @@ def chain_program_of(kernels: Kernels) -> Program:
     start = ", ".join(f"s[{i}]" for i in range(m))
     about = {"notice": "pass", "follow": "follow_law(any_law, orbit, wall, z, at, length)"}
     called: list[Callable[..., Any]]
-    called = [chain_step, tangent_of_chain, evaluate_chain, observe_chain]
+    called = [chain_step, tangent_of_chain, evaluate_chain, observe_chain, measure_chain]
     if kernels.has_paths:
         called += [notice_growth, follow_field]
-        about["notice"] = f"notice_growth(orbit.blocks, len(orbit.kinds), {m}, orbit.clock)"
+        about["notice"] = f"notice_growth(orbit.blocks, len(orbit.kinds), {m}, True, orbit.clock)"
         about["follow"] = "follow_field(any_start, any_path, orbit, wall, z, at, length)"
         freedom = kernels.model.DEGREES_OF_FREEDOM
         starts = {f"start_{a}": start_kernel(kernels.field(a), freedom) for a in walls}
@@ -325,6 +356,42 @@ def chain_program_of(kernels: Kernels) -> Program:
         program.glue(choice("any_law", "wall, s, p", "wall", list(laws), f"{start}, {p}"), **laws)
     program.constant("FollowedFlight", FollowedFlight)
     return glue_steps(program, kernels, ChainVectors, OF_CHAIN.format(**about), *called)
+
+
+def section_program_of(kernels: Kernels, periods: int) -> Program:
+    """Return the program that takes steps along a branch of orbits without impacts of so many
+    periods, or a free one for 0, whose flights are integrated."""
+    program = Program({store: store_compiled, row_of: row_of_compiled})
+    m, count = kernels.model.unknowns_per_impact, len(kernels.model.values)
+    unknowns = [f"z[{i}]" for i in range(m)]
+    leaves = [f"start[{i}]" for i in range(m * m)]
+    if not periods:
+        leaves[1::m] = ["0.0"] * m
+    given = {
+        "state": ", ".join(unknowns if periods else [unknowns[0], "0.0", *unknowns[2:]]),
+        "unknowns": ", ".join(unknowns),
+        "leaves": ", ".join(leaves),
+        "spans": f"{periods} * period, period" if periods else "z[1], z[1]",
+        "p": ", ".join(f"p[{i}]" for i in range(count)),
+    }
+    field, freedom = kernels.field(SECTION), kernels.model.DEGREES_OF_FREEDOM
+    program.glue(
+        FROM_SECTION.format(count=count, **given),
+        flight_on=flight_kernel(kernels.flight(SECTION, str(periods))).function,
+        start_of=start_kernel(field, freedom),
+        path_of=path_kernel(field).function,
+    )
+    called: list[Callable[..., Any]] = [chain_step, tangent_of_chain, evaluate_section]
+    called += [observe_chain, measure_section]
+    called += [notice_growth, follow_field]
+    program.constant("FollowedFlight", FollowedFlight)
+    return glue_steps(program, kernels, ChainVectors, OF_SECTION.format(m=m), *called)
+
+
+def space_from_section(kernels: Kernels, periods: int) -> int:
+    """Return how many numbers of scratch space flights from the section take."""
+    flight = flight_kernel(kernels.flight(SECTION, str(periods)))
+    return max(flight.space, path_kernel(kernels.field(SECTION)).space)
 
 
 def pairs_of(kernels: Kernels) -> list[tuple[str, str]]:

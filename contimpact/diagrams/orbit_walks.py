@@ -22,6 +22,7 @@ from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.quiet import FreeQuietProblem
 from ..segments.compiling import note_uncompiled
 from ..segments.kernels import Kernels
+from ..segments.layout import SECTION
 from .orbit_backend import CycleBackend
 
 if TYPE_CHECKING:
@@ -174,25 +175,28 @@ def backend_of(
     """Return a problem on block-cyclic elimination.
 
     None where there is none: for more than four coordinates, for two free parameters, and for
-    orbits without impacts.
+    orbits without impacts whose flight has a closed form.
     """
-    if problem.free != 1 or not problem.word.walls:
-        return None
     kernels, walls = problem.kernels, problem.word.walls
+    flights = problem.kinds or [(SECTION, str(problem.word.period))]
+    flown = any(kernels.flown(*ends) for ends in flights)
+    if problem.free != 1 or not (walls or flown):
+        return None
     needs = {need for test in tests if isinstance(test, OrbitTest) for need in test.needs}
     wanted = gaps or "gaps" in needs, "doubling" in needs
     kind: Any = CycleBackend
-    fixed = not problem.autonomous and not problem.lost and kernels.passages.anchored
-    if problem.m > 2 or not fixed or kernels.may_leave_at_once(walls):
-        from .chain_backend import MOST_COORDINATES, ChainBackend
+    fixed = not problem.autonomous and not problem.lost
+    one = walls and problem.m == 2 and fixed and kernels.passages.anchored
+    if not one or kernels.may_leave_at_once(walls):
+        from .chain_backend import MOST_COORDINATES, ChainBackend, SectionBackend
 
-        kind = ChainBackend
+        kind = ChainBackend if walls else SectionBackend
         if problem.model.DEGREES_OF_FREEDOM > MOST_COORDINATES:
             note_uncompiled("more than four coordinates")
             return None
     backend = problem.solvers.get(f"steps{wanted}") or kind(problem, *wanted)
     problem.solvers[f"steps{wanted}"] = backend
-    if any(kernels.flown(*ends) for ends in problem.kinds):
+    if flown:
         return SwitchingBackend(backend, problem, kernels)
     return backend
 

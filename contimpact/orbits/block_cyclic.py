@@ -27,7 +27,7 @@ from typing import TypeAlias
 
 from ..arrays import Table, Vector
 from ..segments.layout import Blocks, Setup, differences_grow
-from ..segments.segment import ELSEWHERE, MEETING
+from ..segments.segment import AT_SECTION, ELSEWHERE, MEETING
 
 BLOCK = 12
 """Numbers of a flight: 2 residuals, the blocks A and B row by row, 2 derivatives by lambda."""
@@ -120,11 +120,11 @@ def assemble(
     return max(size, one, other) if total - total == 0.0 else math.nan
 
 
-def notice_growth(blocks: Table, count: int, m: int, clock: Vector) -> None:
+def notice_growth(blocks: Table, count: int, m: int, timed: bool, clock: Vector) -> None:
     """Count the flights that would be computed in pieces; see `segments.integrated_form`."""
     for k in range(count):
         row = blocks[k]
-        if differences_grow(row[m : m + m * m], row[m + m * m :], m, True):
+        if differences_grow(row[m : m + m * m], row[m + m * m :], m, timed):
             clock[GROWN] += 1.0
 
 
@@ -234,8 +234,11 @@ def arrival_rate(z: Vector, k: int, m: int, arrivals: Vector, span: float, slope
     """Return the derivative of the arrival of flight k by its time, from m unknowns per impact.
 
     It is the velocity, and on flights back to the surface left the velocity over the duration.
-    `slope`, what the kernel says, stands where that is zero, or about to vanish with the velocity.
+    `slope`, what the kernel says, stands where that is zero, or about to vanish with the velocity,
+    and for flights to the section, whose ends have no time.
     """
+    if arrivals[k] == AT_SECTION:
+        return slope
     last = k + 1 == len(arrivals)
     velocity = z[1] if last else z[m * (k + 1) + 1]
     if arrivals[k] == ELSEWHERE:

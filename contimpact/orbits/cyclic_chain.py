@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 from ..arrays import Table, Vector
 from ..segments.layout import Blocks, Setup
@@ -350,6 +350,14 @@ many gap coordinates there are."""
 FINDINGS = 6
 """Numbers that `verdict` returns."""
 
+BEYOND = 0.125
+"""Part of a period for which an orbit without impacts is looked at beyond its end: no extremum is
+at an end of both the orbit and what is looked at."""
+
+AGAIN = 1e-6
+"""Part of the orbit behind its end from which on an extremum is one that was seen at its beginning;
+nearer, it may lie before the beginning next to it."""
+
 
 WATCHED, AT_START, BY_RATE, AT_END = 1, 2, 4, 8
 """Bits in `watched`, by the wall left: whether a wall is met on the flight, whether the flight may
@@ -402,6 +410,10 @@ class ChainVectors(NamedTuple):
     forces: Vector
     """`own`, `steps`, `breaks`, `found`, `signs`, `zeros`, `moving`, `forces`: those of
     `segments.oscillation.FollowedFlight`."""
+
+
+Follow: TypeAlias = Callable[[ChainVectors, int, Vector, int, float], int]
+"""``follow(orbit, wall, z, at, length)``: see `follow_law`."""
 
 
 def evaluate_chain(
@@ -462,19 +474,19 @@ def tangent_of_chain(
 
 
 def observe_chain(
-    follow: Callable[[ChainVectors, int, Vector, int, float], int],
+    measure: Callable[[Follow, ChainVectors, Vector, Vector, int], bool],
+    follow: Follow,
     orbit: ChainVectors,
     z: Vector,
-    tangent: Vector,
-    orientation: float,
     row: Vector,
     at: int,
 ) -> None:
     """Record what describes a point, and what test functions go by, in a row.
 
     The largest residual, what `verdict` says, the pencil P and Q, the orbit's period, the
-    determinant of a PD; the gaps of all flights, their slowest turns, derived parameters. What
-    `verdict` says is NaN where flights are not followed, or may begin or end beyond a wall.
+    determinant of a PD; the gaps of all flights and their slowest turns, as `measure` records them,
+    derived parameters. What `verdict` says is NaN where flights are not followed, or may begin or
+    end beyond a wall.
     """
     counts, clock = orbit.counts, orbit.clock
     count, m, walls = len(orbit.kinds), counts[UNKNOWNS], counts[WALLS]
@@ -499,11 +511,12 @@ def observe_chain(
         sign, logarithm = orbit.reduced[place], orbit.reduced[place + 1]
         row[at + 1] = scale_determinant(sign, logarithm, det, norms)
     at += 2
-    told = measure_chain(follow, orbit, z, row, at)
+    told = measure(follow, orbit, z, row, at)
     for i in range(counts[DERIVED]):
         row[at + (walls + 1) * count + i] = orbit.fixed[0][POSITIONS + walls + i]
+    word = orbit.word[: len(orbit.velocities)]  # without the section
     what, place, wall, amount, when, smallest = verdict(
-        orbit.word, orbit.sides, orbit.durations, orbit.gaps, orbit.times, orbit.velocities
+        word, orbit.sides, orbit.durations, orbit.gaps, orbit.times, orbit.velocities
     )
     at -= 2 + 2 * m * m + FINDINGS
     row[at] = what if told else math.nan
@@ -511,13 +524,7 @@ def observe_chain(
     row[at + 4], row[at + 5] = when, smallest
 
 
-def measure_chain(
-    follow: Callable[[ChainVectors, int, Vector, int, float], int],
-    orbit: ChainVectors,
-    z: Vector,
-    row: Vector,
-    at: int,
-) -> bool:
+def measure_chain(follow: Follow, orbit: ChainVectors, z: Vector, row: Vector, at: int) -> bool:
     """Record gaps and slowest turns, and fill in what decides if the orbit is physical; whether it
     does."""
     counts = orbit.counts
@@ -543,6 +550,56 @@ def measure_chain(
         for j in range(walls):
             row[at + walls * k + j] = orbit.gaps[walls * k + j]
         row[at + walls * count + k] = slowest
+    return told
+
+
+def evaluate_section(
+    flight: Callable[[Vector, Vector], Blocks],
+    spans: Callable[[Vector, float], tuple[float, float]],
+    setup: Callable[[Vector], Setup],
+    orbit: ChainVectors,
+    z: Vector,
+) -> float:
+    """As `evaluate_chain`, for an orbit without impacts: one flight that leads back to the section.
+
+    ``flight(z, values)`` takes the unknowns; ``spans(z, period)`` returns the orbit's period, and
+    that of what repeats itself, from the forcing's.
+    """
+    m, values = orbit.counts[UNKNOWNS], orbit.values
+    values[orbit.counts[FREE]] = z[m]
+    forced, _, _, positions, derived, _ = setup(values)
+    store(orbit.fixed, 0, (forced,) + positions + derived)  # noqa: RUF005
+    span, period = spans(z, forced)
+    orbit.clock[0], orbit.clock[1], orbit.durations[0] = span, 0.0, span + BEYOND * period
+    rows, start, end, free = flight(z, values)
+    store(orbit.blocks, 0, rows + start + end + free)
+    size, total = 0.0, 0.0
+    for i in range(m):
+        size = max(size, abs(rows[i]))
+        total += abs(rows[i])
+    return size if total - total == 0.0 else math.nan
+
+
+def measure_section(follow: Follow, orbit: ChainVectors, z: Vector, row: Vector, at: int) -> bool:
+    """As `measure_chain`, for an orbit without impacts; a touch is told within the first period:
+    rounding decides which of both is the nearer."""
+    counts, walls, length = orbit.counts, orbit.counts[WALLS], orbit.durations[0]
+    told, slowest = counts[GAPS] != 0, math.nan
+    for j in range(walls):
+        orbit.gaps[j], orbit.times[j] = math.nan, math.nan
+    if told:
+        made = follow(orbit, orbit.word[0], z, 0, length)
+        told = made >= 0
+        if told:
+            for g in range(counts[COORDINATES]):
+                slow = touches_of(orbit, 0, g, made, 0.0, length, 0.0)
+                if not abs(slow) >= abs(slowest):
+                    slowest = slow
+    for j in range(walls):
+        row[at + j] = orbit.gaps[j]
+        if orbit.times[j] >= (1.0 + AGAIN) * orbit.clock[0]:
+            orbit.times[j] -= orbit.clock[0]
+    row[at + walls] = slowest
     return told
 
 

@@ -31,11 +31,12 @@ from ..models.model import Model
 from ..models.word import Word
 from ..segments.arithmetic import ARRAYS, evaluate_in
 from ..segments.flight import FlightGaps, Touch, breaks_of, touch_of
-from ..segments.integration import IntegratedTrack, integrated_track, join_flights
+from ..segments.integration import IntegratedTrack, integrated_track, join_flights, states_along
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION
 from ..segments.oscillation import Excursion, Moved, excursions
 from ..segments.segment import Segment
+from .cyclic_chain import AGAIN, BEYOND
 from .problem import INSTANTS, CyclicBlocks, Linearisation, OrbitProblem
 
 # Whether motions depend on the time: where periods are free they must not.
@@ -182,14 +183,6 @@ class FreePeriodProblem(WithoutForcing):
         first[:: self.m] += second[0]
         return super().laps(first, second)
 
-
-BEYOND = 0.125
-"""Part of a period for which an orbit is looked at beyond its end: no extremum is at an end of both
-the orbit and what is looked at."""
-
-AGAIN = 1e-6
-"""Part of the orbit behind its end from which on an extremum is one that was seen at its beginning;
-nearer, it may lie before the beginning next to it."""
 
 TURNING_SAMPLES = 512
 """Instants at which it is seen when a coordinate turns."""
@@ -376,13 +369,12 @@ class QuietProblem(OrbitProblem):
         values, state = self.values(unknowns), self.state(unknowns)
         length = self.span(unknowns)
         guard = self.model.WALLS[0]
-        if self.kernels.integrated(SECTION):  # once, for all instants and for the gaps
-            around = self.times_around(unknowns, 0)[1]
+        if self.kernels.integrated(SECTION):
+            times = length / INSTANTS * np.arange(INSTANTS)
             try:
-                track = integrated_track(self.kernels, SECTION, state, values, around)
+                _, speeds = states_along(self.kernels, SECTION, state, values, times)
             except ArithmeticError:
                 return math.nan
-            _, speeds = track.at(length / INSTANTS * np.arange(INSTANTS))
             row = np.array(guard.row(self.m // 2), dtype=float)
             return float(np.max(np.abs(speeds @ row[: speeds.shape[1]])))
         since = self.kernels.since(guard.name)

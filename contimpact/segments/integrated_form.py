@@ -18,7 +18,7 @@ import numpy as np
 from ..arrays import Array, Number
 from .arithmetic import FLOATS, Arithmetic, evaluate_in
 from .derivatives import Series, series
-from .integration import IntegratedTrack, integrator, join_flights, rounding_scale, statement
+from .integration import KEPT, IntegratedTrack, integrator, join_flights, rounding_scale, statement
 from .layout import SECTION, Blocks, CombinedBlocks, Row, differences_grow
 from .segment import ELSEWHERE, ClosedForm, KernelSource, Numbers
 
@@ -405,6 +405,7 @@ class IntegratedForm(ClosedForm):
     def __init__(self, kernels: KernelSource, start: str, end: str) -> None:
         super().__init__(kernels, start, end)
         self._kept: Split | None = None
+        self._whole = functools.lru_cache(KEPT)(self._flight)
         self._m = kernels.model.unknowns_per_impact
         names = list(kernels.model.values)
         self._free = [names.index(name) for name in kernels.parameters]
@@ -467,7 +468,7 @@ class IntegratedForm(ClosedForm):
         ends, given = [float(x) for x in (*start, *end)], [float(x) for x in values]
         whole, failed = None, None
         try:
-            whole = self._flight(*start, *end, *values)
+            whole = self._whole(*ends, *given)
             if not differences_grow(whole[1], whole[2], self._m, self._walls[0] != SECTION):
                 return whole
         except ArithmeticError as error:

@@ -332,6 +332,18 @@ class Integrator:
         terms = np.array(found) * powers / SCALE
         return np.array(times), terms[:, self._rows[:d, 0]], terms[:, self._rows[d : 2 * d, 0]]
 
+    def along(self, numbers: Sequence[float], parts: Array) -> tuple[Array, Array]:
+        """Return the mean velocities times the part of the flight, and the velocities, at parts of
+        it in order, shape (n, freedom); in doubles."""
+        d, most = self.stated.freedom, _allowed(MOST_STEPS)
+        self._given[:] = numbers[: self._used]
+        self._begin(numbers[2 + d : 2 + 2 * d])
+        said, _, _, steps, _, states = self._adaptive.propagate_grid(parts, max_steps=most)
+        _charge(steps)
+        self._check(said, self._arrived, steps, most)
+        found = states[:, self._rows[: 2 * d, 0]] / SCALE
+        return found[:, :d], found[:, d:]
+
     def _begin(self, speeds: Sequence[Any]) -> None:
         self._adaptive.time = self._number(0.0)
         state = self._state
@@ -558,6 +570,17 @@ def integrated_track(
     """Return the track of a flight that is integrated, from the unknowns where it leaves."""
     field, numbers = kernels.field(wall)(*leave, *values)
     return _track(field, tuple(numbers), length)
+
+
+def states_along(
+    kernels: Fields, wall: str, leave: Sequence[float], values: Sequence[float], times: Array
+) -> tuple[Array, Array]:
+    """Return positions and velocities of a flight that is integrated at times in order after it
+    leaves, a row for each, from the unknowns where it leaves; it takes less than its track."""
+    field, (begin, *numbers) = kernels.field(wall)(*leave, *values)
+    length, freedom = float(times[-1]), statement(field).freedom
+    moved, speeds = integrator(field).along([length, begin, *numbers], times / length)
+    return np.array(numbers[:freedom]) + length * moved, speeds
 
 
 KEPT = 64

@@ -344,11 +344,15 @@ class Kernels:
     @functools.cached_property
     def has_paths(self) -> bool:
         """Whether the flights after all walls are integrated, by what compiled code can do."""
-        if not all(self.integrated(guard.name) for guard in self.model.WALLS):
+        return all(self.has_path(guard.name) for guard in self.model.WALLS)
+
+    def has_path(self, a: str) -> bool:
+        """Whether the flight after a wall, or from the section, is one of those."""
+        if not self.integrated(a):
             return False
         from .taylor import field_of, has_series
 
-        return all(has_series(field_of(self.field(guard.name))) for guard in self.model.WALLS)
+        return has_series(field_of(self.field(a)))
 
     @functools.cached_property
     def identity(self) -> str:
@@ -379,7 +383,7 @@ class Kernels:
         def noticed(*given: float) -> Any:
             blocks = flight(*given)
             m = self.model.unknowns_per_impact
-            self.long = self.long or differences_grow(blocks[1], blocks[2], m, True)
+            self.long = self.long or differences_grow(blocks[1], blocks[2], m, a != SECTION)
             return blocks
 
         return noticed

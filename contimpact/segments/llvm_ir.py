@@ -768,6 +768,12 @@ class Body:
             return Value("i64", (whole.leaves[1],))
         return _number(len(whole.type.items))
 
+    def _tail(self, given: Sequence[Value]) -> Value:
+        """The part of a vector from a place on that it is taken to have."""
+        (place, size), start = given[0].leaves, self._as(given[1], "i64").leaves[0]
+        left = self._put(f"sub i64 {size}, {start}")
+        return Value(given[0].type, (self._at(given[0].type.number, place, start), left))
+
     def _abs(self, given: Sequence[Value]) -> Value:
         (value,) = given
         if value.type == "double":
@@ -799,6 +805,7 @@ class Body:
 OPERATIONS: dict[str, Callable[[Body, Sequence[Value]], Value]] = {
     "len": Body._len,
     "abs": Body._abs,
+    "tail": Body._tail,
     "int": Body._int,
     "float": lambda body, given: body._as(given[0], "double"),
     "bool": lambda body, given: Value("i1", (body._truth(given[0]),)),

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from ..arrays import tail
 from ..storage.files import temporary_beside
 from ..syntax import parse
 from .llvm_ir import intermediate_code
@@ -135,6 +136,8 @@ class _Names(ast.NodeTransformer):
         if node.id in self.own or node.id not in self.around:
             return node
         value = self.around[node.id]
+        if value is tail:
+            return node
         if isinstance(value, types.FunctionType):
             return ast.Name(self.program.add(value), node.ctx)
         if isinstance(value, types.BuiltinFunctionType):  # of math

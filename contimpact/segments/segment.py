@@ -24,9 +24,9 @@ from .layout import SECTION, Blocks, Row, Setup
 
 # What meets a flight: the guards that can end it, and how it leaves and reaches their surfaces.
 
-ELSEWHERE, BACK, MEETING = range(3)
+ELSEWHERE, BACK, MEETING, AT_SECTION = range(4)
 """End of a flight: on another surface than it left; on the same; on the same, where both guards let
-the motion pass, so that the flight can vanish with the velocities at its ends."""
+the motion pass, so that the flight can vanish with the velocities at its ends; at the section."""
 
 
 class Passages(NamedTuple):

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..arrays import Table, Vector
+from ..arrays import Table, Vector, tail
 from ..syntax import parse
 from .arithmetic import Kernel, kernel_of
 from .compiling import load, mode, timed_plainly
@@ -105,9 +105,9 @@ def _by_series(writer: Writer, name: str, text: str, *called: Callable[..., obje
     def with_numbers(text: str) -> str:
         return _PLACEHOLDER.sub(lambda found: str(numbers[found[0]]), text)
 
-    names: dict[str, Any] = {"math": math} | {one.__name__: one for one in called}
+    names: dict[str, Any] = {"math": math, "tail": tail} | {one.__name__: one for one in called}
     for helper, lines in writer.helpers.items():
-        names[helper] = kernel_of(helper, with_numbers(lines), f"<{helper}>")
+        names[helper] = kernel_of(helper, with_numbers(lines), f"<{helper}>", {"tail": tail})
     function = kernel_of(name, with_numbers(text), f"<{name} by {writer.field}>", names)
     return BySeries(function, (ORDER + 1) * stride)
 

@@ -273,7 +273,7 @@ class Writer:
         text = f"def {name}(w, a, b, k):\n"
         text += "".join(f"    {one} = 0.0\n" for one in sums)
         text += f"    for i in range({first}, k + 1):\n"
-        text += "        p, q = w[STRIDE * i + a:], w[STRIDE * (k - i) + b:]\n"
+        text += "        p, q = tail(w, STRIDE * i + a), tail(w, STRIDE * (k - i) + b)\n"
         text += "".join(f"        {line}\n" for line in lines)
         text += f"    return ({', '.join(result)},)\n"
         self.helpers[name] = text
@@ -367,7 +367,7 @@ class Writer:
                 lines.append(f"{self.at(y, j)} = {sign}({text})")
             if a.degree == LINEAR:
                 how = "-=" if sign else "+="
-                lines += ["if k > 0:", f"    q = w[STRIDE * (k - 1) + {slope.place}:]"]
+                lines += ["if k > 0:", f"    q = tail(w, STRIDE * (k - 1) + {slope.place})"]
                 for j, terms in pairs.items():
                     text = " + ".join(f"q[{k}] * {self.rate(a, i)}" for k, i in terms)
                     lines.append(f"    {self.at(y, j)} {how} {text}")
@@ -538,14 +538,14 @@ class Writer:
             "    for _ in range(MOST_STEPS):",
             *_indented(2, self.each_step),
             "        for k in range(ORDER):",
-            "            r, n = w[STRIDE * k:], w[STRIDE * (k + 1):]",
+            "            r, n = tail(w, STRIDE * k), tail(w, STRIDE * (k + 1))",
             *_indented(3, self.each_order),
-            "        r, p, q = w[:STRIDE], w[STRIDE * ORDER:], w[STRIDE * (ORDER - 1):]",
+            "        r, p, q = w[:STRIDE], tail(w, STRIDE * ORDER), tail(w, STRIDE * (ORDER - 1))",
             "        left = (1.0 - at) - lost",
             f"        h = step_length({', '.join(sizes)}, left)",
             *_indented(2, [f"{s} = p[{i}]" for i, s in enumerate(sums)]),
             "        for k in range(ORDER - 1, -1, -1):",
-            "            r = w[STRIDE * k:]",
+            "            r = tail(w, STRIDE * k)",
             *_indented(3, [f"{s} = {s} * h + r[{i}]" for i, s in enumerate(sums)]),
             f"        total = {' + '.join(sums)}",
             "        if not total - total == 0.0:",

@@ -9,6 +9,7 @@ from collections import namedtuple
 import numpy as np
 import pytest
 
+from contimpact.arrays import tail
 from contimpact.segments import compiling
 from contimpact.segments.llvm_ir import intermediate_code
 from contimpact.segments.machine_code import Program
@@ -72,7 +73,7 @@ def loops(n, x, table, out):
         out[3] += weight * power
     for i in range(len(PLACES)):
         out[4] += x[PLACES[i] % 2] * TABLE[i][0]
-    out[5] = len(table) + len(x[5:]) + len(x[-2:])
+    out[5] = len(table) + len(x[5:]) + len(x[-2:]) + len(tail(out, 3)) * tail(out, 2)[2]
     out[6] += x[-1]
     out[7] = i
 
