@@ -160,7 +160,9 @@ class Translation:
                 lines, known, widened = body.translate(), body.known, body.widened
             own = f"@f{len(self.found)}_{name}"
             result, leaves = known.get(RESULT, NOTHING), leaf_types(known.get(RESULT, NOTHING))
-            head = f"define internal fastcc {_struct(leaves)} {own}({body.arguments}) nounwind {{"
+            part_of_callers = len(body.lines) <= SHORT and not body.calls_others
+            how = "nounwind alwaysinline" if part_of_callers else "nounwind"
+            head = f"define internal fastcc {_struct(leaves)} {own}({body.arguments}) {how} {{"
             self.parts.append("\n".join([head, *lines, "}"]))
             self.found[name, types] = own, result
         return self.found[name, types]
@@ -189,6 +191,10 @@ class Translation:
         tables = [f"{name} = {text}" for text, name in self.tables.items()]
         return "\n\n".join([*sorted(self.declared), *tables, *self.parts, entry]) + "\n"
 
+
+SHORT = 300
+"""Lines of a function up to which it becomes part of its callers if it calls no other: sums over
+the orders of a series are faster for the places that they then know."""
 
 RESULT = "return"
 """Stands for the result among a function's variables: no variable has this name."""
@@ -222,6 +228,8 @@ class Body:
         self.functions: dict[str, Value] = {}
         self.count = 0
         self.live = True
+        self.calls_others = False
+        """Whether it calls functions of the program."""
         self.loops: list[tuple[str, str]] = []
         names = [argument.arg for argument in tree.args.args]
         if len(names) != len(types):
@@ -304,6 +312,14 @@ class Body:
         leaves = leaf_types(self.known[name])
         pairs = zip(leaves, self.places[name], strict=True)
         return Value(self.known[name], tuple(self._put(f"load {x}, ptr {at}") for x, at in pairs))
+
+    def _load_field(self, name: str, field: str) -> Value:
+        """One item of a named tuple."""
+        of = self.known[name]
+        items = _items(Value(of, self.places[name]))
+        kind, places = items[of.fields.index(field)]
+        pairs = zip(leaf_types(kind), places, strict=True)
+        return Value(kind, tuple(self._put(f"load {x}, ptr {at}") for x, at in pairs))
 
     def _as(self, value: Value, of: Any) -> Value:
         """A value as one of another type."""
@@ -476,6 +492,8 @@ class Body:
         if isinstance(node.value, ast.Name) and node.value.id == "math":
             found = getattr(math, node.attr)
             return Value(FunctionType(node.attr), ()) if callable(found) else _number(found)
+        if isinstance(node.value, ast.Name) and node.value.id in self.places:
+            return self._load_field(node.value.id, node.attr)
         value = self.value(node.value)
         return _items(value)[value.type.fields.index(node.attr)]
 
@@ -746,6 +764,7 @@ class Body:
         return Value("double", (self._put(f"call double {own}({', '.join(numbers)})"),))
 
     def _call_own(self, name: str, given: Sequence[Value]) -> Value:
+        self.calls_others = True
         own, result = self.program.function(name, tuple(value.type for value in given))
         numbers = ", ".join(
             f"{leaf} {number}"

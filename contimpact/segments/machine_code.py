@@ -165,6 +165,8 @@ def object_code(program: Program, arguments: str) -> bytes:
     )
     options = llvm.create_pipeline_tuning_options(speed_level=1)
     options.slp_vectorization = True  # derivatives of a series side by side, to the same bits
+    options.inlining_threshold = 0  # but for what is called once, and what `llvm_ir` marks
+    options.loop_unrolling = options.loop_vectorization = False  # loops are short
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(module, builder)
     return bytes(machine.emit_object(module))
