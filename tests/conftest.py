@@ -6,9 +6,13 @@ of harmonics integrated twice, and the linear oscillator from its characteristic
 
 from __future__ import annotations
 
+import gc
 import math
+import os
 from collections import Counter
 from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # workers share the cores; NumPy reads it once
 
 import invariants
 import mpmath as mp
@@ -23,6 +27,17 @@ from contimpact.systems.oscillator import Oscillator
 
 DECIDING = {"continuation", "bifurcations", "orbits", "diagrams"}
 """The folders of tests whose results rest on floating-point decisions."""
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """No garbage is looked for in what is imported and collected, which stays."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -217,6 +217,18 @@ def _expression_list(given: Any, size: int, where: str) -> tuple[Any, ...]:
     return tuple(sympy.sympify(e) for e in given)
 
 
+def _vanishes(e: Expr) -> bool:
+    """Whether an expression is zero whatever its symbols are.
+
+    Most are not, as their values at one place show: SymPy would simplify them first.
+    """
+    places = enumerate(sorted(e.free_symbols, key=str), 2)
+    there = e.xreplace({symbol: sympy.sqrt(k) / (k + 1) for k, symbol in places}).evalf()
+    if there.is_finite and (abs(there) > 1e-9) is sympy.true:
+        return False
+    return e == 0 or bool(e.equals(0))
+
+
 ELEMENTARY = frozenset(
     (*FUNCTIONS, "Stumpff", "Transient", "MeanTransient", "MeanFlow", "EndFlow", "Flown")
 )
@@ -285,7 +297,7 @@ class Equations:
         if not followed or sympy.expand(combine_rows(row, left.position) - self.walls[b]) != 0:
             return 0
         rate, speed = sympy.expand(combine_rows(row, left.velocity)), self.start[0]
-        if rate == 0 or rate.equals(0):
+        if _vanishes(rate):
             return 2
         factor = sympy.expand(rate.coeff(speed))
         told = sympy.expand(rate - factor * speed) == 0

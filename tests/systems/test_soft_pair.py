@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 import pickle
 
 import numpy as np
 import pytest
+import sympy
 from scipy.integrate import solve_ivp
 from zoo import ROOT
 
@@ -16,6 +18,7 @@ from contimpact.accuracy.reference import Reference
 from contimpact.diagrams.curves import check_range
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.errors import InputError
+from contimpact.models.equations import equations_of
 from contimpact.models.word import Word
 from contimpact.orbits import outputs
 from contimpact.orbits.orbit import Orbit
@@ -485,6 +488,21 @@ def test_a_ball_with_friction_turns_at_letters_alone():
 @pytest.mark.full
 def test_formulas_with_friction_agree():
     assert "symmetry at all" in check_model(soft_pair(beta=0.0, mu=0.1))[-1]
+
+
+@pytest.mark.full
+def test_rates_that_do_not_vanish_are_not_simplified(monkeypatch):
+    """SymPy would take twenty seconds to compare them with zero."""
+    equations = equations_of(soft_pair(mu=0.1))
+    monkeypatch.delattr(sympy.Expr, "equals")
+    pairs = itertools.product(equations.guards, repeat=2)
+    found = {a + b for a, b in pairs if equations.begins(a, b)}
+    turning = ("PS", "PC", "AR", "AD")  # a ball that begins to move does so without velocity
+    assert found == {
+        pair.translate(str.maketrans(LETTERS[""], letters))
+        for letters in LETTERS.values()
+        for pair in turning
+    }
 
 
 @pytest.fixture(scope="module")
