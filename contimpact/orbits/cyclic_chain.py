@@ -32,6 +32,7 @@ from ..segments.oscillation import (
 from .block_cyclic import POSITIONS, arrival_rate, store
 from .multipliers import scale_determinant
 from .physicality import verdict
+from .quiet import AGAIN, BEYOND
 
 
 def block_size(m: int) -> int:
@@ -349,14 +350,6 @@ many gap coordinates there are."""
 
 FINDINGS = 6
 """Numbers that `verdict` returns."""
-
-BEYOND = 0.125
-"""Part of a period for which an orbit without impacts is looked at beyond its end: no extremum is
-at an end of both the orbit and what is looked at."""
-
-AGAIN = 1e-6
-"""Part of the orbit behind its end from which on an extremum is one that was seen at its beginning;
-nearer, it may lie before the beginning next to it."""
 
 
 WATCHED, AT_START, BY_RATE, AT_END = 1, 2, 4, 8

@@ -36,8 +36,15 @@ from ..segments.kernels import Kernels
 from ..segments.layout import SECTION
 from ..segments.oscillation import Excursion, Moved, excursions
 from ..segments.segment import Segment
-from .cyclic_chain import AGAIN, BEYOND
 from .problem import INSTANTS, CyclicBlocks, Linearisation, OrbitProblem
+
+BEYOND = 0.125
+"""Part of a period for which an orbit without impacts is looked at beyond its end: no extremum is
+at an end of both the orbit and what is looked at."""
+
+AGAIN = 1e-6
+"""Part of the orbit behind its end from which on an extremum is one that was seen at its beginning;
+nearer, it may lie before the beginning next to it."""
 
 # Whether motions depend on the time: where periods are free they must not.
 
