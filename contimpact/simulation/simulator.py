@@ -294,8 +294,8 @@ class Simulator(ParameterItems):
         if impacts is None and periods is None:
             raise InputError("impacts", "no end of the run", "give impacts or periods")
         for name, number in (("impacts", impacts), ("periods", periods)):
-            if number is not None and (not isinstance(number, int | np.integer) or number < 0):
-                raise InputError(name, f"found {number!r}", "give a whole number >= 0")
+            if number is not None:
+                _require_whole(name, number)
         state = state.within(self.period)
         most = impacts if impacts is not None else _ENDLESS
         last = state.turns + periods if periods is not None else _ENDLESS
@@ -340,7 +340,13 @@ class Simulator(ParameterItems):
         -------
         list of (Outcome, State)
             Why each run ended, and where: as `end` of `run`; where it started if it ended before.
+
+        Raises
+        ------
+        InputError
+            If `periods` is no whole number >= 0.
         """
+        _require_whole("periods", periods)
         batch = Batch(self, states, threads)
         outcomes = batch.run(np.arange(len(states)), periods)
         return [(outcome, batch.state(k)) for k, outcome in enumerate(outcomes)]
@@ -354,6 +360,11 @@ class Simulator(ParameterItems):
         It returns rows, for (time, section coordinates).
         """
         return self.machine.derivative
+
+
+def _require_whole(name: str, number: object) -> None:
+    if not isinstance(number, int | np.integer) or number < 0:
+        raise InputError(name, f"found {number!r}", "give a whole number >= 0")
 
 
 def as_simulator(of: Simulator | Model) -> Simulator:

@@ -116,6 +116,14 @@ def test_many_starts_end_where_each_does_alone(compiled):
     assert [end for _, end in together] == [run.end for run in alone]
 
 
+@pytest.mark.parametrize("periods", [1.5, -1])
+def test_many_starts_run_for_whole_periods(periods, compiled):
+    """As one does: compiled code would not end at half a period."""
+    simulator = Simulator(Duffing(**HARD))
+    with pytest.raises(ci.InputError, match="whole number"):
+        simulator.run_all([simulator.random_state(0)], periods=periods)
+
+
 def test_a_flight_that_escapes_runs_away(compiled):
     """Beyond the unstable rest of a softening spring motion is infinite after a finite time."""
     simulator = Simulator(Duffing(**SOFTENING))
