@@ -9,6 +9,7 @@ from test_own_systems import ball, changed, made
 
 from contimpact import ImpactPair, InputError, Oscillator, check_model, find_orbits
 from contimpact.models.model import Symmetry
+from contimpact.results.scene import read_scene
 from contimpact.segments import kernels
 from contimpact.segments.kernels import check_once
 
@@ -126,3 +127,16 @@ def test_it_is_checked_once_for_a_model_and_its_neighbours(monkeypatch, tmp_path
     kernels.Kernels(made(ball()), "a").motion("P")  # from the cache: it was checked then
     assert len(counted) == 1
     assert math.isfinite(model.values["a"])
+
+
+def test_a_layer_that_steps_of_the_integration_miss_is_named():
+    """No formula contradicts another: all follow from the acceleration."""
+    pytest.importorskip("heyoka", reason="needs contimpact[ode]")
+    modes = {"a": {"x": "v", "v": "0.5*cos(w*t) - x - 0.2*tanh(200*v)"}}
+    guards = {"S": {"within": "x <= s", "set": {"v": "-r*v"}}}
+    model = {"system": "hybrid", "period": "2*pi/w", "modes": modes, "guards": guards}
+    model["parameters"] = {"w": 1.2, "s": 0.6, "r": 0.9}
+    follow = {"parameter": "w", "range": [1, 2], "orbits": ["1"]}
+    scene = read_scene({"name": "layer", "model": model, "follow": follow})
+    with pytest.raises(InputError, match="steps miss layers"):
+        check_model(scene.model)
