@@ -69,8 +69,8 @@ def tell_each(branches: Sequence[Named], what: str, progress: Progress) -> Itera
 
 
 def walk_progress(what: str, parameter: str, progress: Progress) -> Callable[[int, float], None]:
-    """Return what is told of points that a walk records, and tells how many there are, and where it
-    is."""
+    """Return a callback that takes how many points a walk has recorded and the parameter of the
+    last of them, and tells every `EVERY` points how many there are, and where it is."""
     count = 0
 
     def tell(points: int, value: float) -> None:

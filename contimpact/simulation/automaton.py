@@ -36,7 +36,6 @@ from .flights import (
     LEAST,
     NUDGE,
     SHORTEST,
-    TOGETHER,
     Contact,
     KernelWindow,
     LinearMotion,
@@ -45,15 +44,17 @@ from .flights import (
     until_repeated,
     windows,
 )
-from .linear_flights import Law, LinearRuns, Runs, Setting
+from .linear_flights import Law, LinearRuns, Setting
 from .run import (
     EARLY,
     LOW,
     SHORT,
+    TOGETHER,
     Call,
     Outcome,
     OutsideError,
     PassageRule,
+    Runs,
     State,
     columns_of,
     join_all,
@@ -592,11 +593,13 @@ class Automaton:
         if self._through.pairs:
             return None
         if not any(self.linear):
-            from .integrated_flights import integrated_runs
+            from .integrated_flights import IntegratedRuns, has_compiled_flights
 
-            slow = [-1.0] * len(self.guards)
-            given = self.values, self.positions, self.restitution, slow, (self.period, self.longest)
-            return integrated_runs(self.kernels, *given)
+            if not has_compiled_flights(self.kernels):
+                return None
+            none = [-1.0] * len(self.guards)  # no impact is too slow
+            about = self.values, self.positions, self.restitution, none, self.period, self.longest
+            return IntegratedRuns(self.kernels, *about)
         if not all(self.linear):
             return None
         walls = range(len(self.guards))

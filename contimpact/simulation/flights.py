@@ -346,9 +346,6 @@ which the acceleration has one sign, and where displacements are measured from."
 
 REPEATED = 4e-16
 """States that differ by less, by their size, are one to rounding."""
-TOGETHER = 1e-14
-"""Arrivals within this part of a period are at one time; the fastest of them comes first."""
-
 SHORTEST = 0.125
 """The first window of flights that may be short, in periods."""
 

@@ -29,20 +29,23 @@ from ..segments.oscillation import MOST, ROW, FollowedFlight, motion_of_gap, row
 from ..segments.segment import ELSEWHERE
 from ..segments.taylor import departure_kernel, field_of, has_series, path_by_series
 from .flights import FIRST, LEAST, NUDGE
-from .linear_flights import (
+from .run import (
     BEYOND,
+    COLUMNS,
+    DONE,
     LEFT,
+    NO_IMPACT,
+    Engine,
     Runs,
     accumulates,
     first_reached,
+    formulas,
+    glue_entry,
     is_beyond,
-    make_flights,
     nearest_guard,
     row_value,
     section_place,
 )
-from .linear_flights import ROW as COLUMNS
-from .run import DONE, NO_IMPACT, Engine, formulas
 
 if TYPE_CHECKING:
     from ..segments.machine_code import Program
@@ -230,19 +233,9 @@ FIELDS += INTEGERS * 2 + VECTOR * 2 + INTEGERS * 2 + VECTOR
 ARGUMENTS = FIELDS + TABLE * 2 + VECTOR * 9 + INTEGERS + VECTOR + COLUMNS + INTEGERS
 """Kinds of the entry's arguments, as in `linear_flights`."""
 
-ENTRY = """
+FLY = """
 def fly(flights, wall, phase, space):
     return fly_integrated(any_start, any_path, flights, wall, phase, space)
-
-def entry({fields}, space, state, when, walls, turns, phases, sections, span):
-    flights = IntegratedFlights({fields})
-    made, size = 0, 2 * sizes[0] + 1
-    for k in range(len(state) // 3):
-        made += make_flights(
-            fly, flights, space, state[3 * k : 3 * k + 3], when[size * k : size * k + size],
-            walls, turns, phases, sections, span[2 * k : 2 * k + 2]
-        )
-    return made
 """
 
 
@@ -274,9 +267,8 @@ def program_of(
         lines.append(f"{indent}return path_{k}(length, {given}, series, weights, count, way)")
     program.glue("\n".join(lines), **paths)
     program.constant("FollowedFlight", FollowedFlight)
-    program.constant("IntegratedFlights", IntegratedFlights)
-    entry = ENTRY.format(fields=", ".join(IntegratedFlights._fields))
-    program.glue(entry, make_flights=make_flights, fly_integrated=fly_integrated)
+    program.glue(FLY, fly_integrated=fly_integrated)
+    glue_entry(program, IntegratedFlights)
     return program
 
 
@@ -290,7 +282,8 @@ _ENGINES: dict[tuple[str, ...], Engine] = {}
 
 
 class IntegratedRuns(Runs):
-    """Compiled runs of a system whose flights are all integrated."""
+    """Compiled runs of a system of which `has_compiled_flights`, at a forcing's period; a flight is
+    given up after `longest` of them."""
 
     fields, dear = FIELDS, True
 
@@ -301,7 +294,8 @@ class IntegratedRuns(Runs):
         positions: Sequence[float],
         restitution: Sequence[float],
         slow: Sequence[float],
-        about: tuple[float, int],
+        period: float,
+        longest: int,
     ) -> None:
         model, passages = kernels.model, kernels.passages
         guards, d = model.WALLS, model.DEGREES_OF_FREEDOM
@@ -315,7 +309,6 @@ class IntegratedRuns(Runs):
         rows = list(dict.fromkeys([*gaps, *units]))
         sides = [guard.side for guard in guards]
         sizes = [statement(field).freedom for field in fields]
-        period, longest = about
 
         def nearest(side: int) -> list[int]:
             return [
@@ -368,25 +361,18 @@ class IntegratedRuns(Runs):
         return 0
 
 
-def integrated_runs(
-    kernels: Kernels,
-    values: Sequence[float],
-    positions: Sequence[float],
-    restitution: Sequence[float],
-    slow: Sequence[float],
-    about: tuple[float, int],
-) -> IntegratedRuns | None:
-    """Return compiled runs at a period and of flights of so many periods at most; None where a
-    flight is not integrated, has no series, or lacks others than the last coordinates."""
-    walls = list(kernels.model.letters)
-    if not all(map(kernels.integrated, walls)):
-        return None
-    if not all(has_series(field_of(kernels.field(wall))) for wall in walls):
-        return None
+def has_compiled_flights(kernels: Kernels) -> bool:
+    """Whether all flights of a system are integrated and have series, and each mode has all
+    coordinates but the last ones."""
     model, size = kernels.model, kernels.model.DEGREES_OF_FREEDOM
     for guard in model.WALLS:
-        orders = orders_of(model.MODES, guard.next_mode, size)
-        n = statement(field_of(kernels.field(guard.name))).freedom
-        if 0 in orders[:n] or any(orders[n:]):
-            return None
-    return IntegratedRuns(kernels, values, positions, restitution, slow, about)
+        if not kernels.integrated(guard.name):
+            return False
+        field, orders = (
+            field_of(kernels.field(guard.name)),
+            orders_of(model.MODES, guard.next_mode, size),
+        )
+        n = statement(field).freedom
+        if not has_series(field) or 0 in orders[:n] or any(orders[n:]):
+            return False
+    return True

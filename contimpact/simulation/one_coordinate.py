@@ -33,6 +33,7 @@ from .run import (
     Hold,
     Outcome,
     OutsideError,
+    Runs,
     State,
     array,
     coefficient,
@@ -49,7 +50,6 @@ from .run import (
 
 if TYPE_CHECKING:
     from ..segments.machine_code import Program
-    from .linear_flights import Runs
 
 
 # The loop of a simulation as a compiled program.
@@ -426,10 +426,12 @@ class OneCoordinate:
         """What makes flights that are integrated, but those from rest, if all are."""
         if self.zeros is not None:
             return None
-        from .integrated_flights import integrated_runs
+        from .integrated_flights import IntegratedRuns, has_compiled_flights
 
-        given = self.restitution, self.body.slow, (self.period, self.longest)
-        return integrated_runs(self.kernels, self.values, self.positions, *given)
+        if not has_compiled_flights(self.kernels):
+            return None
+        about = self.restitution, self.body.slow, self.period, self.longest
+        return IntegratedRuns(self.kernels, self.values, self.positions, *about)
 
     @functools.cached_property
     def _engine(self) -> Engine | None:

@@ -1,12 +1,14 @@
-"""The loop from impact to impact of one body, and what a simulation returns."""
+"""The loops from impact to impact, and what a simulation returns."""
 
 from __future__ import annotations
 
 import enum
+import functools
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -521,6 +523,129 @@ def make_impacts(
     return made
 
 
+# Flights of any number of coordinates from impact to impact: what they have in common.
+#
+# The functions up to `make_flights` are in the plain subset of Python that `contimpact.compiling`
+# compiles. Scratch space holds X, what it becomes, X a period before, and the section coordinates,
+# each in the largest size of X, and behind these the arrivals at each gap coordinate (time,
+# velocity, side).
+
+TOGETHER = 1e-14
+"""Arrivals within this part of a period are at one time; the fastest of them comes first."""
+
+BEYOND, LEFT = 5, 6
+"""Why a run ended, besides those of `run`: a jump led behind a guard, as
+`contimpact.simulation.run.Outcome` has it; or the next flight is left to the `automaton`."""
+
+AnyFlights: TypeAlias = Any
+"""A system at fixed parameter values, as vectors: `linear_flights.Flights`, or what has the same
+fields but those of linear laws."""
+
+
+def row_value(flights: AnyFlights, row: int, space: Vector) -> float:
+    """Return a row's combination of the positions."""
+    d, found = flights.sizes[0], 0.0
+    for i in range(d):
+        found += flights.factors[row * d + i] * space[i]
+    return found
+
+
+def is_beyond(flights: AnyFlights, law: int, space: Vector) -> bool:
+    """Whether a flight begins behind a guard of its mode."""
+    gaps = flights.sizes[2]
+    for row in range(gaps):
+        below, above = flights.below[law * gaps + row], flights.above[law * gaps + row]
+        x = row_value(flights, row, space)
+        if below >= 0 and x < flights.positions[below]:
+            return True
+        if above >= 0 and x > flights.positions[above]:
+            return True
+    return False
+
+
+def accumulates(flights: AnyFlights, wall: int, velocity: float, acceleration: float) -> bool:
+    """Whether impacts on a wall are so near to their end that it may be held; see `run`."""
+    e, force = flights.restitution[wall], flights.sides[wall] * acceleration
+    if e >= 1.0 or not force > 0.0:
+        return False
+    return 2.0 * e * abs(velocity) <= SHORT * flights.clock[0] * force * (1.0 - e)
+
+
+def first_reached(
+    flights: AnyFlights, law: int, earliest: float, period: float, space: Vector
+) -> tuple[int, float, float]:
+    """Return guard, time and velocity of the first of the arrivals in scratch space, the fastest of
+    those at one time; -1 for none. The period is in their unit of time."""
+    gaps, hits = flights.sizes[2], 4 * flights.sizes[1]
+    if earliest == math.inf:
+        return -1, 0.0, 0.0
+    chosen, fastest = -1, -1.0
+    for row in range(gaps):
+        speed = abs(space[hits + 3 * row + 1])
+        if space[hits + 3 * row] <= earliest + TOGETHER * period and speed > fastest:
+            chosen, fastest = row, speed
+    at = law * gaps + chosen
+    wall = flights.above[at] if space[hits + 3 * chosen + 2] > 0.0 else flights.below[at]
+    return wall, space[hits + 3 * chosen], space[hits + 3 * chosen + 1]
+
+
+def section_place(flights: AnyFlights) -> int:
+    """Return where the section coordinates before an impact stand in scratch space, and behind them
+    the speed beyond which the motion runs away."""
+    return int(3 * flights.sizes[1])
+
+
+def make_flights(
+    fly: Callable[..., Any],
+    flights: AnyFlights,
+    space: Vector,
+    state: Any,
+    when: Any,
+    walls: Any,
+    turns: Any,
+    phases: Any,
+    sections: Any,
+    span: Any,
+) -> int:
+    """Simulate from impact to impact; returns how many there were.
+
+    ``fly(flights, wall, phase, space)`` makes one flight, as `fly_linear`. The other arguments are
+    as in `run.make_impacts`, with 2 d - 1 section coordinates in place of the velocity.
+    """
+    size = 2 * flights.sizes[0] - 1
+    at, period, kept = section_place(flights), flights.clock[0], len(walls) > 0
+    wall, turn, phase, fastest = state[0], state[1], when[0], when[size + 1]
+    most, last, made, outcome = span[0], span[1], 0, DONE
+    for j in range(size):
+        space[at + j] = when[1 + j]
+    space[at + size] = fastest
+    while made < most and turn < last:
+        for j in range(size):
+            when[1 + j] = space[at + j]
+        speed = abs(space[at])
+        for j in range(2, size, 2):
+            speed = max(speed, abs(space[at + j]))
+        if not speed <= fastest:
+            outcome = RUNAWAY
+            break
+        outcome, wall, dt = fly(flights, wall, phase, space)
+        if outcome != DONE:
+            break
+        phase, passed = wrap_time(phase + dt, period)
+        turn += passed
+        if kept:
+            walls[made], turns[made], phases[made] = wall, turn, phase
+            for j in range(size):
+                sections[made * size + j] = space[at + j]
+        made += 1
+    if outcome == DONE:
+        for j in range(size):
+            when[1 + j] = space[at + j]
+    state[0], state[1], state[2] = wall, turn, outcome
+    when[0] = phase
+    return made
+
+
 # Compiled loops, and when they are loaded.
 
 WORTH = 200
@@ -560,3 +685,113 @@ def formulas(motions: Sequence[Kernel]) -> tuple[str, ...]:
     """Return the kernels' texts without their heads, which name the free parameters."""
     texts = (motion.source for motion in motions)
     return tuple(text[text.index("def ") :] for text in texts)
+
+
+FEW = 1024
+"""Impacts made at once plainly, or where flights take long."""
+
+COLUMNS = INTEGERS * 2 + VECTOR * 2
+"""Kinds of the columns that `make_flights` fills."""
+
+ENTRY = """
+def entry({fields}, space, state, when, walls, turns, phases, sections, span):
+    flights = {kind}({fields})
+    made, size = 0, 2 * sizes[0] + 1
+    for k in range(len(state) // 3):
+        made += make_flights(
+            fly, flights, space, state[3 * k : 3 * k + 3], when[size * k : size * k + size],
+            walls, turns, phases, sections, span[2 * k : 2 * k + 2]
+        )
+    return made
+"""
+
+
+def glue_entry(program: Program, kind: type) -> None:
+    """Add the entry that makes the runs of one motion or, without rows, of many, one after the
+    other, for a kind of flights whose function ``fly`` is there."""
+    fields: Sequence[str] = kind._fields  # type: ignore[attr-defined]
+    program.constant(kind.__name__, kind)
+    text = ENTRY.format(fields=", ".join(fields), kind=kind.__name__)
+    program.glue(text, make_flights=make_flights)
+
+
+def nearest_guard(
+    watched: Sequence[bool],
+    rows: Sequence[tuple[float, ...]],
+    sides: Sequence[int],
+    positions: Sequence[float],
+    row: tuple[float, ...],
+    side: int,
+) -> int:
+    """Return the nearest guard on a side of a gap coordinate, of those that a flight can meet; -1
+    for none."""
+    places = range(len(rows))
+    there = (k for k in places if watched[k] and rows[k] == row and sides[k] == side)
+    return min(there, key=lambda k: (side * positions[k], k), default=-1)
+
+
+class Runs(ABC):
+    """Runs from impact to impact, those on which no wall is held."""
+
+    flights: AnyFlights
+    fields: ClassVar[str]
+    """Kinds of the fields of `flights`."""
+    engine: Engine
+    size: int
+    """Section coordinates."""
+    dear: ClassVar[bool] = False
+    """Whether flights take long: fewer are made at once, so that interruptions come through."""
+
+    @functools.cached_property
+    def _arrays(self) -> list[Array]:
+        """The vectors as arrays, for compiled code."""
+        pairs = zip(self.flights, self.fields, strict=False)
+        return [array(numbers, kind) for numbers, kind in pairs]
+
+    @abstractmethod
+    def room(self) -> list[Array]:
+        """Return what compiled code takes behind these: room for one run at a time."""
+
+    @abstractmethod
+    def make_plainly(self, at: Any, when: Any, columns: Sequence[Any], span: Any) -> int:
+        """Make impacts as compiled code does; returns how many."""
+
+    def make(
+        self, state: State, span: tuple[int, int], asked: int, record: bool, fastest: float
+    ) -> tuple[State, Outcome | None, int, list[Any]]:
+        """Make impacts as `Automaton.make`; the outcome is None where a flight is left to it."""
+        fast = self.engine.program(asked)
+        most = span[0] if fast and not self.dear else min(span[0], FEW)
+        rows = most if record else 0
+        shapes = (rows, rows, rows, rows * self.size)
+        columns: list[Any] = [
+            np.empty(n, DTYPES[kind]) if fast else [0] * n
+            for n, kind in zip(shapes, COLUMNS, strict=True)
+        ]
+        at: Any = [int(state.wall), int(state.turns), 0]
+        when: Any = [float(state.phase), *(float(y) for y in state.section), fastest]
+        if fast:
+            at, when = array(at, INTEGERS), array(when, VECTOR)
+            limits = array((most, span[1]), INTEGERS)
+            made = fast(*self._arrays, *self.room(), at, when, *columns, limits)
+        else:
+            made = self.make_plainly(at, when, columns, (most, span[1]))
+        section = tuple(float(y) for y in when[1:-1])
+        end = State(int(at[0]), float(when[0]), section[0], int(at[1]), section[1:])
+        outcome = None if at[2] == LEFT else OUTCOMES[at[2]]
+        return end, outcome, made, self._columns(columns, made if record else 0)
+
+    def batch(self, asked: int) -> Call | None:
+        """Return compiled code for many motions; None where the work is not worth it."""
+        fast = self.engine.program(asked)
+        if fast is None:
+            return None
+        none = [np.empty(0, DTYPES[kind]) for kind in COLUMNS]
+        return lambda at, when, limits: fast(*self._arrays, *self.room(), at, when, *none, limits)
+
+    def _columns(self, columns: Sequence[Any], made: int) -> list[Any]:
+        """The columns in the order of `run.columns_of`."""
+        walls, turns, phases = (np.asarray(column[:made]) for column in columns[:3])
+        sections = np.asarray(columns[3][: made * self.size], float).reshape(made, self.size)
+        none = np.zeros(made, np.int64)
+        return [walls, turns, phases, sections[:, 0], none > 0, sections[:, 1:], none]

@@ -31,9 +31,8 @@ from ..segments.compiling import cores
 from ..segments.kernels import Kernels
 from .automaton import Automaton
 from .flights import LinearMotion
-from .linear_flights import LEFT
 from .one_coordinate import OneCoordinate
-from .run import DONE, OUTCOMES, Call, Outcome, Run, State, states_of
+from .run import DONE, LEFT, OUTCOMES, Call, Outcome, Run, State, states_of
 
 CHUNK, FEW = 65536, 256
 """Rows made at once, at most and at first: interrupts come through between chunks."""

@@ -14,6 +14,7 @@ from zoo import TWO_MASSES
 from contimpact.results.options import Settling
 from contimpact.results.scene import read_scene
 from contimpact.simulation import linear_flights
+from contimpact.simulation import run as run_loops
 from contimpact.simulation.basins import basins
 from contimpact.simulation.run import Outcome
 from contimpact.simulation.settle import settle
@@ -160,7 +161,7 @@ def test_parts_of_runs_join(simulators, plain_and_compiled, monkeypatch):
     simulator = simulators("sticking")
     start = starts(simulator, 1)[0]
     whole = simulator.run(start, impacts=100)
-    monkeypatch.setattr(linear_flights, "FEW", 7)
+    monkeypatch.setattr(run_loops, "FEW", 7)
     for part in plain_and_compiled(lambda: simulator.run(start, impacts=100)):
         assert part == whole
     half = simulator.run(start, impacts=50)
