@@ -40,7 +40,7 @@ from ..models.word import Word
 from ..segments.arithmetic import ARRAYS, evaluate_in
 from ..segments.bounded import UNIT, BoundedNumber, bounds_of, bounds_of_kernel
 from ..segments.flight import FlightGaps, flight_gaps
-from ..segments.integration import states_along
+from ..segments.integration import integrated_track
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION, CombinedBlocks, Setup
 from ..segments.segment import MEETING
@@ -140,7 +140,9 @@ def _integrated(here: Linearisation, flight: int, dt: Array) -> tuple[Array, Arr
         arrive[0] += here.span
     values, segment = problem.values(z), cast(Any, problem.segments[flight])
     track = segment.long_track(leave, arrive, values)
-    states = track.at(dt) if track else states_along(problem.kernels, left, leave, values, dt)
+    if track is None:
+        track = integrated_track(problem.kernels, left, leave, values, float(dt[-1]))
+    states = track.at(dt)
     return states if states[0].shape[1] == problem.model.DEGREES_OF_FREEDOM else None
 
 

@@ -31,7 +31,7 @@ from ..models.model import Model
 from ..models.word import Word
 from ..segments.arithmetic import ARRAYS, evaluate_in
 from ..segments.flight import FlightGaps, Touch, breaks_of, touch_of
-from ..segments.integration import IntegratedTrack, integrated_track, join_flights, states_along
+from ..segments.integration import IntegratedTrack, integrated_track, join_flights
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION
 from ..segments.oscillation import Excursion, Moved, excursions
@@ -379,9 +379,10 @@ class QuietProblem(OrbitProblem):
         if self.kernels.integrated(SECTION):
             times = length / INSTANTS * np.arange(INSTANTS)
             try:
-                _, speeds = states_along(self.kernels, SECTION, state, values, times)
+                track = integrated_track(self.kernels, SECTION, state, values, length)
             except ArithmeticError:
                 return math.nan
+            _, speeds = track.at(times)
             row = np.array(guard.row(self.m // 2), dtype=float)
             return float(np.max(np.abs(speeds @ row[: speeds.shape[1]])))
         since = self.kernels.since(guard.name)

@@ -19,7 +19,6 @@ from ..models.model import Model, Symmetry
 from ..storage.files import logger
 from .arithmetic import kernel_of
 from .codegen import KernelWriter
-from .layout import Family
 
 # Whether a model's flight, acceleration and harmonics state one motion, at random states.
 
@@ -76,10 +75,7 @@ def _trial(model: Model, agreement: Callable[..., Any], random: Random, where: s
         (flown[4], flown[5], speed / dt, "the harmonics contradict the acceleration"),
     ):
         if abs(one - other) > TOLERANCE * unit:
-            integrated = getattr(agreement, "family", None) is Family.INTEGRATED
-            stepped_over = integrated and "velocity contradicts" in found
-            asked = THICKER if stepped_over else "check them by hand"
-            accepted = f"{asked}; here {_numbers(model, phase, dt, start, values)}"
+            accepted = f"check them by hand; here {_numbers(model, phase, dt, start, values)}"
             raise InputError(where, f"{found}: {one:.6g} against {other:.6g}", accepted)
     return True
 
@@ -107,12 +103,6 @@ def _values_near(model: Model, random: Random) -> list[float]:
     except InputError:
         return list(model.values.values())
 
-
-THICKER = (
-    "the integration's steps miss layers as thin as that of tanh(100*v): soften the law, or state "
-    "several modes"
-)
-"""What is asked where formulas that follow from one acceleration contradict each other."""
 
 Agreements: TypeAlias = dict[tuple[str, int], Callable[..., Sequence[float]]]
 """The kernels ``agreement``, by wall and coordinate."""

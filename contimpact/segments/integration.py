@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import functools
 import hashlib
@@ -22,6 +23,7 @@ from ..arrays import Array, Vector
 from ..errors import NotInstalledError
 from ..models.expressions import FUNCTIONS
 from ..storage.files import kept_object
+from ..syntax import parse, parse_expression
 from .track import coefficients_of, sign_changes
 
 # Flights that are integrated: :math:`\ddot x = f(t, x, \dot x)` by Taylor's method.
@@ -41,6 +43,11 @@ from .track import coefficients_of, sign_changes
 #
 # The integrator is heyoka (Biscani and Izzo, 2021), with its order and its steps chosen for errors
 # at rounding. Compiled integrators are kept for the life of the process.
+#
+# Steps are chosen by the series' last coefficients. What is below rounding where a step begins has
+# no part in these, however large it is later in the step: tanh(100 v) away from v = 0, exp(100 x)
+# away from a wall, x^7 where x = 0. Where a field may have such parts, the force is compared with
+# the polynomials at some places of each step, and a step on which they differ is halved.
 
 SCALE = 2.0**100
 """Scale of the state: heyoka bounds errors relative to its largest component, or to 1 where that is
@@ -49,6 +56,18 @@ MOST_STEPS = 200_000
 """Largest number of steps of a flight; c = 1e4 asks for some 1e4 over one period."""
 SOME_STEPS = 10_000
 """Largest number of steps of a flight among many, whatever the others ask for."""
+
+LOOKS = 8
+"""Places in a step, at equal distances, the last of them its end, at which the force is compared
+with the polynomials."""
+CLOSE = 2.0**8
+"""By how many units of rounding they may differ, as a part of the largest velocity."""
+NOISE = 16.0
+"""The same as a part of how much the force differs where its arguments do by `MOVED`."""
+MOVED = 4.0
+"""Units of rounding."""
+SHORTEST_STEP = 2.0**-64
+"""Shortest part of a flight to which a step is halved."""
 
 
 @dataclass
@@ -125,6 +144,55 @@ def statement(field: str) -> Statement:
     return Statement(tuple(parameters.split()), tuple(accelerations.strip().split("; ")))
 
 
+LARGEST_DEGREE = 5
+"""Degree of a polynomial up to which its part in the last two coefficients is seen: where x = v t
+at first, x'' = -x^n has series with each (n + 1)st term, two of them of orders 19 and 20 only up to
+that n."""
+
+
+@functools.cache
+def may_hide(field: str) -> bool:
+    """Whether a field may have parts below rounding at one place and large nearby.
+
+    Polynomials of low degree do not, nor do sines and cosines, which are flat nowhere, nor
+    quotients: the part of a pole in far coefficients is its residue's, and so is its effect on what
+    passes it. That of a root is not: sqrt(e**2 + x**2) is -x on one side and x on the other.
+    """
+    constants = "pi", *statement(field).parameters
+    trees = map(parse_expression, statement(field).accelerations)
+    return any(_degree(tree, constants) > LARGEST_DEGREE for tree in trees)
+
+
+def _degree(node: ast.expr, constants: Sequence[str]) -> float:
+    """How many factors of an expression may vanish, the time and the state among them; infinity
+    with functions that may be flat."""
+
+    def of(node: ast.expr) -> float:
+        return _degree(node, constants)
+
+    match node:
+        case ast.Constant():
+            return 0.0
+        case ast.Name(id=name):
+            return 0.0 if name in constants else 1.0
+        case ast.UnaryOp(operand=operand):
+            return of(operand)
+        case ast.BinOp(left=left, op=ast.Add() | ast.Sub(), right=right):
+            return max(of(left), of(right))
+        case ast.BinOp(left=left, op=ast.Mult() | ast.Div(), right=right):
+            return of(left) + of(right)
+        case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=int() as n)):
+            return abs(n) * of(left)
+        case ast.Call(func=ast.Name(id="square" | "cube" as name), args=[argument]):
+            return (2 if name == "square" else 3) * of(argument)
+        case ast.Call(func=ast.Name(id="sin" | "cos"), args=[argument]) if of(argument) <= 1.0:
+            return of(argument)
+    parts = [part for part in ast.iter_child_nodes(node) if isinstance(part, ast.expr)]
+    if isinstance(node, ast.Call):
+        parts = node.args
+    return 0.0 if all(of(part) == 0.0 for part in parts) else math.inf
+
+
 def require() -> None:
     """Raise `NotInstalledError` if the package that integrates is not there."""
     if importlib.util.find_spec("heyoka") is None:
@@ -149,6 +217,15 @@ def _heyoka() -> Any:
     return heyoka
 
 
+class _Step(NamedTuple):
+    """A step that an integrator has taken, of a flight from 0 to 1, or one in each of its lanes."""
+
+    end: Any
+    length: Any
+    terms: Array
+    """Coefficients of the series, shape (equations, order + 1)."""
+
+
 class Integrator:
     """The flow of a field, compiled, with derivatives by some directions of `Statement.names`.
 
@@ -158,10 +235,12 @@ class Integrator:
     def __init__(self, field: str, directions: tuple[str, ...], degree: int, bits: int) -> None:
         require()
         self.hy = hy = _heyoka()
-        self.stated, self.directions, self.degree = statement(field), directions, degree
-        self.bits = bits
+        self.field, self.directions, self.degree, self.bits = field, directions, degree, bits
+        self.stated, self._hides = statement(field), may_hide(field)
         identity = hy.__version__, type(self).__name__, field, *directions, str(degree), str(bits)
-        keys, self._adaptive = kept_object("integrator", (*identity, _own_text()), self._built)
+        keys, self._adaptive, self._force = kept_object(
+            "integrator", (*identity, _own_text()), self._built
+        )
         self._places = {key: i for i, key in enumerate(keys)}
         self._scale = self._number(SCALE)
         self._blank = [self._number(0.0)] * len(keys)
@@ -179,22 +258,35 @@ class Integrator:
         self._rows = np.array(self.wanted).reshape(-1, degree + 1)
         self.steps = 0
         self._orders = np.arange(self._adaptive.order + 1.0)
+        self._looks = np.array([self._number(i / LOOKS) for i in range(1, LOOKS + 1)])
+        powers = self._looks ** self._orders[:, None]
+        slopes = self._orders[1:, None].astype(powers.dtype) * powers[:-1]
+        self._powers = np.hstack([powers, np.vstack([0 * powers[:1], slopes])])
+        self._unit = 2.0 ** -(bits or 53)
         outcome = hy.taylor_outcome
-        self._arrived, self._stepped = {outcome.time_limit}, {outcome.time_limit, outcome.success}
+        self._arrived = outcome.time_limit
+        self._going = {outcome.time_limit, outcome.success, outcome.step_limit}
 
-    def _built(self) -> tuple[list[tuple[str, str, int]], Any]:
-        """What each equation is of, and the integrator of the equations."""
+    def _built(self) -> tuple[list[tuple[str, str, int]], Any, Any]:
+        """What each equation is of, the integrator of the equations, and, if it is asked for, a
+        function of the state for the rates of velocities."""
         system, keys = self._equations()
+        d = self.stated.freedom
+        state, rates = zip(*system[: 2 * d], strict=True)
+        force = self.hy.cfunc(rates[d:], vars=state, **self._kind()) if self._hides else None
         if self.degree:
             system, keys = self._series(system, keys)
-        return keys, self._compiled(system)
+        return keys, self._compiled(system), force
+
+    def _kind(self) -> dict[str, Any]:
+        """The kind of numbers."""
+        if not self.bits:
+            return {}
+        return {"fp_type": self.hy.real, "prec": self.bits, "compact_mode": True}
 
     def _compiled(self, system: list[Any]) -> Any:
-        kind: dict[str, Any] = {}
-        if self.bits:
-            kind = {"fp_type": self.hy.real, "prec": self.bits, "compact_mode": True}
         rare = self.degree > 0 or self.bits > 0
-        return self.hy.taylor_adaptive(system, opt_level=0 if rare else 1, **kind)
+        return self.hy.taylor_adaptive(system, opt_level=0 if rare else 1, **self._kind())
 
     # The equations.
 
@@ -312,37 +404,14 @@ class Integrator:
         times the part of the flight, and of the velocities, by powers of the time since the step's
         start as a part of the step.
         """
-        d = self.stated.freedom
+        d, taken = self.stated.freedom, list[_Step]()
         self._given[:] = numbers[: self._used]
         self._begin(numbers[2 + d : 2 + 2 * d])
-        times, lengths, found, now = [0.0], list[float](), list[Array](), 0.0
-        step, adaptive, terms = self._adaptive.step, self._adaptive, self._adaptive.tc
-        most = _allowed(MOST_STEPS)
-        try:
-            while now < 1.0:  # continuous output would be compiled anew each time
-                said, length = step(max_delta_t=1.0 - now, write_tc=True)
-                self._check(said, self._stepped, len(found), most)
-                found.append(terms.copy())
-                lengths.append(length)
-                now = adaptive.time
-                times.append(now)
-        finally:
-            _charge(len(found) + 1)
-        powers = np.array(lengths)[:, None, None] ** self._orders
-        terms = np.array(found) * powers / SCALE
-        return np.array(times), terms[:, self._rows[:d, 0]], terms[:, self._rows[d : 2 * d, 0]]
-
-    def along(self, numbers: Sequence[float], parts: Array) -> tuple[Array, Array]:
-        """Return the mean velocities times the part of the flight, and the velocities, at parts of
-        it in order, shape (n, freedom); in doubles."""
-        d, most = self.stated.freedom, _allowed(MOST_STEPS)
-        self._given[:] = numbers[: self._used]
-        self._begin(numbers[2 + d : 2 + 2 * d])
-        said, _, _, steps, _, states = self._adaptive.propagate_grid(parts, max_steps=most)
-        _charge(steps)
-        self._check(said, self._arrived, steps, most)
-        found = states[:, self._rows[: 2 * d, 0]] / SCALE
-        return found[:, :d], found[:, d:]
+        self._propagate(kept=taken)
+        ends, lengths, terms = (np.array(column) for column in zip(*taken, strict=True))
+        terms = terms * lengths[:, None, None] ** self._orders / SCALE
+        rows = self._rows[:, 0]
+        return np.append(0.0, ends), terms[:, rows[:d]], terms[:, rows[d : 2 * d]]
 
     def _begin(self, speeds: Sequence[Any]) -> None:
         self._adaptive.time = self._number(0.0)
@@ -354,26 +423,101 @@ class Integrator:
             if place is not None:
                 state[place] = self._scale
 
-    def _propagate(self, longest: float = math.inf, most: int = MOST_STEPS) -> None:
-        more = {"max_delta_t": longest} if longest < math.inf else {}
-        most = _allowed(most)
+    def _propagate(
+        self, longest: float = math.inf, most: int = MOST_STEPS, kept: list[_Step] | None = None
+    ) -> None:
+        """Take the steps of a flight, which are added to those `kept`."""
+        most, width, self.steps = _allowed(most), longest, 0
         if not most:
             raise StepLimitError("flights have taken all steps of integration that they may")
-        said, _, _, self.steps, _, _ = self._adaptive.propagate_until(
-            self._number(1.0), max_steps=most, **more
-        )
-        _charge(self.steps)
-        self._check(said, self._arrived, self.steps, most)
+        at_once = AT_ONCE if self._hides else most
+        count, end, taken = at_once, self._number(1.0), list[_Step]()
 
-    def _check(self, said: Any, fine: Any, steps: int, most: int = MOST_STEPS) -> None:
-        """Raise an error where integration has not come to its end."""
-        if steps >= most:
-            raise StepLimitError(f"a flight asks for more than {most} steps of integration")
-        if said not in fine:
-            raise OverflowError("a flight does not stay finite")
+        def take(adaptive: Any) -> bool:
+            taken.append(_Step(adaptive.time, adaptive.last_h, adaptive.tc.copy()))
+            return True
+
+        watched = self._hides or kept is not None
+        more: dict[str, Any] = {"callback": take, "write_tc": True} if watched else {}
+        while self.steps < most:
+            said, _, _, steps, *_ = self._adaptive.propagate_until(
+                end,
+                max_steps=min(count, most - self.steps),
+                max_delta_t=self._number(width),
+                **more,
+            )
+            self.steps += steps
+            _charge(steps)
+            sound = self._count_sound(taken)
+            if kept is not None:
+                kept += taken[:sound]
+            if sound < len(taken):
+                end_of_step, length, terms = taken[sound]
+                self._adaptive.time, self._state[:] = end_of_step - length, terms[:, 0]
+                width, count = 0.5 * float(length), 1
+                going = width > SHORTEST_STEP
+            elif said == self._arrived:
+                return
+            else:
+                width, count = longest, at_once
+                going = said in self._going
+            if not going:
+                raise OverflowError("a flight does not stay finite")
+            taken.clear()
+        raise StepLimitError(f"a flight asks for more than {most} steps of integration")
+
+    def _count_sound(self, taken: Sequence[_Step]) -> int:
+        """How many steps there are before one that misses a part of the force."""
+        if not taken or not self._hides:
+            return len(taken)
+        ends, lengths, terms = map(np.array, zip(*taken, strict=True))
+        missed = self._missed(ends, lengths, terms, self._given[:: self.degree + 1, None])
+        return len(taken) if missed is None else int(np.argmax(missed))
+
+    @np.errstate(over="ignore", invalid="ignore")
+    def _missed(self, ends: Array, lengths: Array, terms: Array, given: Array) -> Array | None:
+        """Which steps miss a part of the force; None if none does.
+
+        Their series have the shape (steps, equations, order + 1), the numbers that are `given` the
+        shape (numbers, 1 or steps). The force has to be as close to what the series say as errors
+        at rounding let them be: `CLOSE` beside the velocities, or `NOISE` where the force itself is
+        rounded by more.
+        """
+        d, largest = self.stated.freedom, np.abs(terms[:, :, 0]).max(axis=1)
+        powers = np.vander(lengths, len(self._orders), increasing=True)
+        terms = terms[:, self._rows[: 2 * d, 0]] * powers[:, None]
+        found = terms @ self._powers
+        largest = np.maximum(largest, np.abs(found).max(axis=(1, 2)))
+        states, slopes = found[:, :, :LOOKS], found[:, d:, LOOKS:]
+        states, slopes = states.transpose(1, 0, 2), slopes.transpose(1, 0, 2)
+        times = (ends - lengths)[:, None] + lengths[:, None] * self._looks
+        pars = np.empty((self._force.nparams, *times.shape), dtype=terms.dtype)
+        pars[:] = given[: len(pars), :, None]
+        pushes = self._forces(states, pars, times) * lengths[:, None]
+        off, close = np.abs(pushes - slopes), (largest * self._number(CLOSE * self._unit))[:, None]
+        if (off <= close).all():
+            return None
+        more = self._number(1.0) + self._number(MOVED * self._unit)
+        given = pars.copy()
+        given[1 : 2 + d] *= more
+        moved = np.concatenate([states[:d] * more, states[d:] / more])
+        others = self._forces(states, given, times), self._forces(moved, pars, times * more)
+        noise = sum(np.abs(other * lengths[:, None] - pushes) for other in others)
+        missed: Array = ~(off <= close + noise * self._number(NOISE)).all(axis=(0, 2))
+        return missed if missed.any() else None
+
+    def _forces(self, states: Array, pars: Array, times: Array) -> Array:
+        """The rates of velocities, shape (freedom, n, m); states have (2 * freedom, n, m)."""
+        inputs, pars = (np.ascontiguousarray(e.reshape(len(e), -1)) for e in (states, pars))
+        found: Array = self._force(inputs=inputs, pars=pars, time=times.ravel())
+        return found.reshape(-1, *times.shape)
 
     def _number(self, value: Any) -> Any:
         return self.hy.real(value, self.bits) if self.bits else float(value)
+
+
+LARGEST_PRODUCT = 64
+"""Largest whole power that is a product."""
 
 
 @functools.cache
@@ -408,15 +552,34 @@ def _heyoka_expression(text: str, hy: Any, names: dict[str, Any], bits: int) -> 
 
     functions = {name: of_any(getattr(hy, name)) for name in FUNCTIONS}
 
-    known = {"pi": hy.pi, "ratio": ratio, "power": lambda x, y: x**y}
+    def power(x: Any, y: Any) -> Any:
+        """Whole powers as products: heyoka's series of others divide by x."""
+        if not isinstance(y, int) or not 1 < abs(y) <= LARGEST_PRODUCT:
+            return x**y
+        half = power(x, abs(y) // 2)
+        whole = half * half * x if y % 2 else half * half
+        return whole if y > 0 else 1.0 / whole
+
+    known = {"pi": hy.pi, "ratio": ratio, "power": power}
     known |= {"square": lambda x: x * x, "cube": lambda x: x * x * x}
     found = types.FunctionType(_code(text), {"__builtins__": {}, **functions, **known, **names})()
     return found if isinstance(found, hy.expression) else hy.expression(float(found))
 
 
+class _Powers(ast.NodeTransformer):
+    """Calls of ``power`` in the place of powers."""
+
+    def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
+        self.generic_visit(node)
+        if not isinstance(node.op, ast.Pow):
+            return node
+        return ast.Call(ast.Name("power", ast.Load()), [node.left, node.right], [])
+
+
 def _code(text: str) -> types.CodeType:
     """The code of a function that returns what an expression says."""
-    module = compile(f"def force():\n return {text}", "<field>", "exec")
+    tree = _Powers().visit(parse(f"def force():\n return {text}"))
+    module = compile(ast.fix_missing_locations(tree), "<field>", "exec")
     return next(c for c in module.co_consts if isinstance(c, types.CodeType))
 
 
@@ -437,7 +600,6 @@ class BatchIntegrator(Integrator):
     def __init__(self, field: str, directions: tuple[str, ...]) -> None:
         super().__init__(field, directions, 0, 0)
         self.lanes = self._state.shape[1]
-        self._going = {*self._stepped, self.hy.taylor_outcome.step_limit}
 
     def _compiled(self, system: list[Any]) -> Any:
         blank = np.zeros((len(system), self.hy.recommended_simd_size()))
@@ -454,18 +616,30 @@ class BatchIntegrator(Integrator):
         inside, steps, left = [-1] * self.lanes, [0] * self.lanes, MOST_STEPS
         times = np.zeros(self.lanes)
         self._given[:] = self._state[:] = 0.0  # lanes without a flight have one of no duration
-        while most := _allowed(AT_ONCE if waiting else SOME_STEPS):
+        taken, owners, missed = list[_Step](), list[list[int]](), set[int]()
+
+        def take(adaptive: Any) -> bool:
+            taken.append(_Step(adaptive.time.copy(), adaptive.last_h.copy(), adaptive.tc.copy()))
+            owners.append(inside.copy())
+            return True
+
+        more = {"callback": take, "write_tc": True} if self._hides else {}
+        while most := _allowed(AT_ONCE if waiting or self._hides else SOME_STEPS):
             for lane in (k for k, row in enumerate(inside) if row < 0 and waiting):
                 inside[lane], steps[lane] = waiting.pop(), 0
                 self._put(lane, rows[inside[lane]])
             if max(inside) < 0:
                 break
             self._adaptive.set_time(times)
-            self._adaptive.propagate_until(1.0, max_steps=most)
+            self._adaptive.propagate_until(1.0, max_steps=most, **more)
+            if len(taken) > 2 * AT_ONCE:
+                missed |= self._rows_missed(rows, owners, taken)
+                owners.clear()
+                taken.clear()
             times = self._adaptive.time.copy()
-            for lane, (said, _, _, taken) in enumerate(self._adaptive.propagate_res):
-                _charge(taken)
-                steps[lane] += taken
+            for lane, (said, _, _, count) in enumerate(self._adaptive.propagate_res):
+                _charge(count)
+                steps[lane] += count
                 lost = said not in self._going or steps[lane] > max(left, SOME_STEPS)
                 if inside[lane] >= 0 and (lost or times[lane] == 1.0):
                     if lost:
@@ -475,7 +649,22 @@ class BatchIntegrator(Integrator):
                     inside[lane], self._given[:, lane], self._state[:, lane] = -1, 0.0, 0.0
                 if inside[lane] < 0:
                     times[lane] = 0.0
+        if again := sorted(missed | self._rows_missed(rows, owners, taken)):
+            found[again] = integrator(self.field, self.directions).each(rows[again])
         return found
+
+    def _rows_missed(
+        self, rows: Array, owners: Sequence[Sequence[int]], taken: Sequence[_Step]
+    ) -> set[int]:
+        """The rows of which a flight, in the lanes of such steps, misses a part of the force."""
+        if not taken:
+            return set()
+        ends, lengths, terms = (np.array(column) for column in zip(*taken, strict=True))
+        lanes = np.array(owners)
+        used = lanes >= 0
+        owner, terms = lanes[used], np.moveaxis(terms, -1, 1)[used]
+        missed = self._missed(ends[used], lengths[used], terms, rows[owner].T)
+        return set() if missed is None else set(owner[missed].tolist())
 
     def _put(self, lane: int, row: Array) -> None:
         """Begin a flight in a lane."""
@@ -570,17 +759,6 @@ def integrated_track(
     """Return the track of a flight that is integrated, from the unknowns where it leaves."""
     field, numbers = kernels.field(wall)(*leave, *values)
     return _track(field, tuple(numbers), length)
-
-
-def states_along(
-    kernels: Fields, wall: str, leave: Sequence[float], values: Sequence[float], times: Array
-) -> tuple[Array, Array]:
-    """Return positions and velocities of a flight that is integrated at times in order after it
-    leaves, a row for each, from the unknowns where it leaves; it takes less than its track."""
-    field, (begin, *numbers) = kernels.field(wall)(*leave, *values)
-    length, freedom = float(times[-1]), statement(field).freedom
-    moved, speeds = integrator(field).along([length, begin, *numbers], times / length)
-    return np.array(numbers[:freedom]) + length * moved, speeds
 
 
 KEPT = 64

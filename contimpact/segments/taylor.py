@@ -21,7 +21,19 @@ from ..arrays import Table, Vector, tail
 from ..syntax import parse
 from .arithmetic import Kernel, kernel_of
 from .compiling import load, mode, timed_plainly
-from .integration import KEPT, MOST_STEPS, SCALE, flown_of_series, is_limited, statement
+from .integration import (
+    CLOSE,
+    KEPT,
+    LOOKS,
+    MOST_STEPS,
+    MOVED,
+    NOISE,
+    SCALE,
+    SHORTEST_STEP,
+    flown_of_series,
+    is_limited,
+    statement,
+)
 from .oscillation import (
     COEFFICIENTS,
     DEGREE,
@@ -44,6 +56,9 @@ ORDER = DEGREE
 
 FACTOR = math.exp(-2.0) * math.exp(-0.7 / (ORDER - 1))
 """Part of the radius of convergence that a step takes, by Jorba and Zou (2005)."""
+
+UNIT = 2.0**-53
+"""Unit of rounding."""
 
 SMALLEST = 1.0 / SCALE
 """Size of a state below which errors are no longer relative to it."""
@@ -100,19 +115,29 @@ def path_by_series(field: str) -> BySeries:
 
 def _by_series(writer: Writer, name: str, text: str, *called: Callable[..., object]) -> BySeries:
     stride = writer.stride
-    numbers = {"STRIDE": stride, "MOST_STEPS": MOST_STEPS, "ORDER": ORDER}
+    numbers = NUMBERS | {"STRIDE": stride, "MOST_STEPS": MOST_STEPS}
 
     def with_numbers(text: str) -> str:
-        return _PLACEHOLDER.sub(lambda found: str(numbers[found[0]]), text)
+        return _PLACEHOLDER.sub(lambda found: repr(numbers[found[0]]), text)
 
     names: dict[str, Any] = {"math": math, "tail": tail} | {one.__name__: one for one in called}
-    for helper, lines in writer.helpers.items():
-        names[helper] = kernel_of(helper, with_numbers(lines), f"<{helper}>", {"tail": tail})
+    names["force"] = kernel_of("force", writer.force(), f"<force of {writer.field}>")
+    for helper, lines in {**writer.helpers, "misses": writer.misses()}.items():
+        names[helper] = kernel_of(helper, with_numbers(lines), f"<{helper}>", names)
     function = kernel_of(name, with_numbers(text), f"<{name} by {writer.field}>", names)
     return BySeries(function, (ORDER + 1) * stride)
 
 
-_PLACEHOLDER = re.compile("STRIDE|MOST_STEPS|ORDER")
+NUMBERS: dict[str, float] = {
+    "ORDER": ORDER,
+    "LOOKS": LOOKS,
+    "CLOSE": CLOSE * UNIT,
+    "NOISE": NOISE,
+    "MORE": 1.0 + MOVED * UNIT,
+    "LESS": 1.0 - MOVED * UNIT,
+    "SHORTEST_STEP": SHORTEST_STEP,
+}
+_PLACEHOLDER = re.compile("|".join(rf"\b{name}\b" for name in [*NUMBERS, "STRIDE", "MOST_STEPS"]))
 
 
 # Flights whose derivatives change along a direction, one by one, where that is compiled.

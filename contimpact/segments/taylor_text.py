@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from ..models.expressions import FUNCTIONS
 from ..syntax import parse_expression
-from .integration import statement
+from .integration import may_hide, statement
 
 
 class Quantity(NamedTuple):
@@ -512,6 +512,50 @@ class Writer:
         self.once += ["made = 0", "begin_path(count, way)"]
         return self.loop(name, "w, weights, count, way", lines, "return made", "return -1")
 
+    def force(self) -> str:
+        """Return the text of a function that returns the accelerations at a time and a state."""
+        d = range(self.freedom)
+        names = "t", *(f"x{i}" for i in d), *(f"v{i}" for i in d), *self.stated.parameters
+        found = ", ".join(self.stated.accelerations)
+        return f"def force({', '.join(names)}):\n    return ({found},)\n"
+
+    def misses(self) -> str:
+        """Return the text of a function that returns whether a step from `at` over h misses a part
+        of the force; see `integration.Integrator`."""
+        d, dt, t = range(self.freedom), self.given["dt"], self.given["t"]
+        means, speeds = ([int(row.place) for row in rows] for rows in (self.means, self.speeds))
+        parameters = [self.given[name] for name in self.stated.parameters]
+
+        def force(more: str, less: str, moved: str) -> str:
+            time = f"{t}{moved} + (at + s) * {dt}{more}"
+            x = [f"{self.given[f'x{i}']}{moved} + u{i} * {dt}{more}" for i in d]
+            v = [f"v{i}{less}" for i in d]
+            return f"force({', '.join([time, *x, *v, *parameters])})"
+
+        one, other = force(" * MORE", " * LESS", ""), force("", "", " * MORE")
+        largest = ", ".join(f"abs(u{i}), abs(v{i}), abs(h * a{i})" for i in d)
+        off = [f"abs(h * (a{i} - {dt} * f[{i}]))" for i in d]
+        noise = [f"abs(h * {dt}) * (abs(p[{i}] - f[{i}]) + abs(q[{i}] - f[{i}]))" for i in d]
+        far = [f"{a} <= CLOSE * largest + NOISE * ({b})" for a, b in zip(off, noise, strict=True)]
+        lines = [
+            f"def misses({', '.join(self.given.values())}, at, h, size, w):",
+            "    for look in range(1, LOOKS + 1):",
+            "        s = h * (look / LOOKS)",
+            *_indented(2, [f"u{i} = v{i} = a{i} = 0.0" for i in d]),
+            "        for k in range(ORDER, -1, -1):",
+            "            r = tail(w, STRIDE * k)",
+            *_indented(3, [f"a{i} = a{i} * s + v{i}" for i in d]),
+            *_indented(3, [f"v{i} = v{i} * s + r[{speeds[i]}]" for i in d]),
+            *_indented(3, [f"u{i} = u{i} * s + r[{means[i]}]" for i in d]),
+            f"        f, largest = {force('', '', '')}, max(size, {largest})",
+            f"        if not ({' and '.join(f'{a} <= CLOSE * largest' for a in off)}):",
+            f"            p, q = {one}, {other}",
+            f"            if not ({' and '.join(far)}):",
+            "                return True",
+            "    return False",
+        ]
+        return "\n".join(lines) + "\n"
+
     def found(self, i: int, name: str, side: int) -> str:
         """A number of the state at the end of a step, or its derivative by a direction, and that
         along the direction of second derivatives."""
@@ -531,8 +575,12 @@ class Writer:
             speed, at = self.start[f"v{i}"], int(self.speeds[i].place)
             begun += [f"w[{at + j}] = {self.at(speed, j)}" for j in (0, *speed.by)]
         sizes = [f"max({', '.join(f'abs({row}[{i}])' for i in state)})" for row in "rpq"]
+        given = ", ".join(self.given.values())
+        watch = [f"while h >= SHORTEST_STEP and misses({given}, at, h, size, w):", "    h *= 0.5"]
+        if not may_hide(self.field):
+            watch = []
         lines = [
-            f"def {name}({', '.join(self.given.values())}, {more}):",
+            f"def {name}({given}, {more}):",
             *_indented(1, self.once + begun),
             "    at, lost = 0.0, 0.0",
             "    for _ in range(MOST_STEPS):",
@@ -542,13 +590,15 @@ class Writer:
             *_indented(3, self.each_order),
             "        r, p, q = w[:STRIDE], tail(w, STRIDE * ORDER), tail(w, STRIDE * (ORDER - 1))",
             "        left = (1.0 - at) - lost",
-            f"        h = step_length({', '.join(sizes)}, left)",
+            f"        size = {sizes[0]}",
+            f"        h = step_length(size, {', '.join(sizes[1:])}, left)",
+            *_indented(2, watch),
             *_indented(2, [f"{s} = p[{i}]" for i, s in enumerate(sums)]),
             "        for k in range(ORDER - 1, -1, -1):",
             "            r = tail(w, STRIDE * k)",
             *_indented(3, [f"{s} = {s} * h + r[{i}]" for i, s in enumerate(sums)]),
             f"        total = {' + '.join(sums)}",
-            "        if not total - total == 0.0:",
+            "        if h < SHORTEST_STEP or not total - total == 0.0:",
             f"            {failed}",
             *_indented(2, each),
             "        if h >= left:",

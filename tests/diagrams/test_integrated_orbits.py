@@ -78,9 +78,9 @@ def test_searches_for_events_stay_near(monkeypatch):
     """Where no branches cross, the search for it does not wander off along ever longer flights."""
     asked, steps = [], Integrator._propagate
 
-    def noted(integrator, *given):
+    def noted(integrator, *given, **more):
         asked.append(abs(float(integrator._given[0])))
-        steps(integrator, *given)
+        steps(integrator, *given, **more)
 
     model = Pendulum(a=1.0, omega=1.4, c=0.1, sigma=1.0, r=0.8)
     orbits = ci.find_orbits(model, "S", parameter="omega", starts=10, rounds=1)

@@ -1,10 +1,12 @@
 """Flights that are integrated, against closed forms, matrices, many digits and mpmath's own."""
 
+import functools
 import math
 
 import mpmath
 import numpy as np
 import pytest
+import scipy.integrate
 import sympy
 from integrated import MASSES, Integrated, IntegratedMasses
 
@@ -269,3 +271,81 @@ def test_searches_find_the_same_side_by_side(monkeypatch):
     assert len(together) == len(alone) == 6
     for one, other in zip(together, alone, strict=True):
         assert one.unknowns == pytest.approx(other.unknowns, abs=1e-13)
+
+
+# Forces that are below rounding where a step begins.
+
+HIDDEN = {
+    "a wall that grows exponentially": (
+        "0.5*cos(1.2*t) - x0 - 0.2*exp(50*(x0 - 0.4))",
+        [7.0, 0.3, 0.6, -2.8],
+    ),
+    "a bump in the midst of a step": (
+        "0.5*cos(1.2*t) - x0 - 300*(x0 + 1)*exp(-100*square(x0 + 1))",
+        [3.0, 0.3, 0.6, -4.5],
+    ),
+    "friction that changes its sign": (
+        "0.5*cos(1.2*t) - x0 - 0.2*tanh(300*v0)",
+        [6.0, 0.3, 0.6, -1.8],
+    ),
+    "a corner behind a branch point": ("-x0 - 0.1*sqrt(1e-20 + v0*v0)", [3.0, 0.0, 0.1, -2.0]),
+    "a power that begins at zero": ("-x0**7", [6.0, 0.3, 0.0, 1.0]),
+}
+"""Accelerations, and duration, time, position and velocity of a flight."""
+
+
+@functools.cache
+def flight_by_runge_kutta(acceleration, given):
+    """Mean and end velocities by DOP853, in steps that meet every layer."""
+    functions = {
+        "square": np.square,
+        **{name: getattr(np, name) for name in ("cos", "exp", "tanh", "sqrt")},
+    }
+    force = eval(f"lambda t, x0, v0: {acceleration}", functions)
+    length, begin, position, velocity = given
+    found = scipy.integrate.solve_ivp(
+        lambda t, y: [y[1], force(t, *y)],
+        (begin, begin + length),
+        [position, velocity],
+        method="DOP853",
+        rtol=1e-13,
+        atol=1e-14,
+        max_step=0.005,
+    )
+    return [(found.y[0, -1] - position) / length, found.y[1, -1]]
+
+
+@pytest.mark.parametrize("kind", HIDDEN)
+def test_what_is_below_rounding_where_a_step_begins_is_met(kind):
+    """Alone, side by side, in many digits, and as polynomials."""
+    acceleration, given = HIDDEN[kind]
+    expected = pytest.approx(flight_by_runge_kutta(acceleration, tuple(given)), abs=2e-12)
+    field = text_of([], [acceleration])
+    assert integration.may_hide(field)
+    assert list(flown(field, "", *given)) == expected
+    together = integration.flown_of_arrays(field, "v0", *np.tile(given, (integration.MANY, 1)).T)
+    assert all(list(flight[:2]) == expected for flight in together.T)
+    real = integration._heyoka().real
+    many = integrator(field, (), 0, 120)([real(number, 120) for number in given])
+    assert list(map(float, many)) == expected
+    length = given[0]
+    position, velocity = integration.IntegratedTrack(field, given[1:], length).at(
+        np.array([length])
+    )
+    assert [(position[0, 0] - given[2]) / length, velocity[0, 0]] == expected
+
+
+def test_polynomials_of_low_degree_are_not_looked_at():
+    """It takes as long as the integration of such a flight; nothing of theirs is hidden."""
+    for plain in (FIELD, text_of([], ["-x0 - x0**3"]), text_of([], ["x0/(1 + x0**2)**2"])):
+        assert not integration.may_hide(plain)
+    for acceleration in (
+        "-x0**7",
+        "exp(x0)",
+        "x0**2.5",
+        "sqrt(1 + x0**2)",
+        "sin(x0**2)",
+        "2**x0",
+        "cos(t)*tanh(v0)",
+    ):
+        assert integration.may_hide(text_of([], [acceleration]))

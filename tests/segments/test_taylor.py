@@ -12,7 +12,7 @@ import pytest
 
 from contimpact.segments import compiling, taylor
 from contimpact.segments.bounded import many_digits
-from contimpact.segments.integration import IntegratedTrack, integrator, statement, text_of
+from contimpact.segments.integration import IntegratedTrack, flown, integrator, statement, text_of
 from contimpact.segments.machine_code import Program
 from contimpact.segments.oscillation import (
     DEGREE,
@@ -48,6 +48,8 @@ FIELDS = [
     "a w: -square(x0)*x0 - cube(v0)*0.1 + tan(a) + t*t*0.01 + sqrt(w) + atan(a) + pi",
     "a w: -a",
 ]
+HIDING = "a w: cos(1.2*t) - a*x0 - 300*(x0 + w)*exp(-100*square(x0 + w)) - 0.1*tanh(200*v0)"
+"""A field with forces that are below rounding where steps begin."""
 
 
 def directions_of(field):
@@ -79,6 +81,15 @@ def test_flights_and_derivatives_are_those_in_many_digits(field, dt):
     found = flown_plainly(field, directions, numbers)
     size = max(1.0, max(abs(float(x)) for x in exact))
     assert max(abs(float(x - y)) for x, y in zip(exact, found, strict=True)) < 2e-14 * size
+
+
+def test_forces_that_steps_could_miss_are_met():
+    """Such forces make many steps of few, and are rounded by more."""
+    directions, numbers = directions_of(HIDING), [4.0, 0.3, 0.6, -4.5, 1.0, 1.0]
+    exact = many_digits(CTX).names["flown"](HIDING, directions, *numbers)
+    exact = np.array([float(x) for x in exact])
+    for found in (flown_plainly(HIDING, directions, numbers), flown(HIDING, directions, *numbers)):
+        assert np.max(abs(found - exact)) < 1e-12 * np.max(abs(exact))
 
 
 @pytest.mark.parametrize("field", FIELDS)
@@ -199,7 +210,8 @@ def test_a_path_of_more_pieces_than_places_is_refused():
 
 @needs_llvmlite
 @pytest.mark.parametrize(
-    "field", [*FIELDS[:2], *(pytest.param(field, marks=pytest.mark.full) for field in FIELDS[2:])]
+    "field",
+    [HIDING, *FIELDS[:2], *(pytest.param(field, marks=pytest.mark.full) for field in FIELDS[2:])],
 )
 def test_compiled_flights_are_those_of_the_plain_text(field, monkeypatch, tmp_path):
     monkeypatch.setenv("CONTIMPACT_COMPILED", "always")

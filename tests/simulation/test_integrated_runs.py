@@ -9,6 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import contimpact as ci
+from contimpact.results.scene import read_scene
 from contimpact.simulation.run import Outcome
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.duffing import Duffing
@@ -147,3 +148,28 @@ def test_a_flow_that_ceases_behind_a_guard_is_cut_there(mode, monkeypatch):
     run = simulator.run(simulator.random_state(1), impacts=30)
     assert len(run) == 30
     assert run.outcome is Outcome.DONE
+
+
+HIDDEN = {
+    "exp": ("0.2*exp(50*(x - 0.4))", 2.0, 10.038384482, 1.507896894),
+    "exp, fast": ("0.2*exp(50*(x - 0.4))", 10.0, 3.54941996, 7.76113984),
+    "bump": ("90*(x + 1)*exp(-30*(x + 1)**2)", 5.0, 3.8474783, 3.85958059),
+}
+"""Forces below rounding beside the wall; velocities there, and SciPy's next impacts, with DOP853 in
+steps of .01."""
+
+
+@pytest.mark.parametrize("how", ["always", "never"])
+@pytest.mark.parametrize("kind", HIDDEN)
+def test_forces_below_rounding_where_a_flight_begins_are_met(kind, how, monkeypatch):
+    monkeypatch.setenv("CONTIMPACT_COMPILED", how)
+    force, velocity, time, speed = HIDDEN[kind]
+    modes = {"m": {"x": "v", "v": f"0.5*cos(w*t) - x - {force}"}}
+    guards = {"S": {"within": "x <= s", "set": {"v": "-r*v"}}}
+    model = {"system": "hybrid", "period": "2*pi/w", "modes": modes, "guards": guards}
+    model["parameters"] = {"w": 1.2, "s": 0.6, "r": 0.9}
+    follow = {"parameter": "w", "range": [1, 2], "orbits": ["1"]}
+    simulator = Simulator(read_scene({"name": "hidden", "model": model, "follow": follow}).model)
+    run = simulator.run(simulator.state("S", 0.3, velocity), impacts=1)
+    assert run.turns[0] * run.period + run.phases[0] == pytest.approx(time, abs=1e-8)
+    assert run.velocities[0] == pytest.approx(speed, abs=1e-8)

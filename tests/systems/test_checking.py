@@ -129,8 +129,7 @@ def test_it_is_checked_once_for_a_model_and_its_neighbours(monkeypatch, tmp_path
     assert math.isfinite(model.values["a"])
 
 
-def test_a_layer_that_steps_of_the_integration_miss_is_named():
-    """No formula contradicts another: all follow from the acceleration."""
+def test_a_layer_that_is_thin_beside_steps_of_the_integration_is_no_contradiction():
     pytest.importorskip("heyoka", reason="needs contimpact[ode]")
     modes = {"a": {"x": "v", "v": "0.5*cos(w*t) - x - 0.2*tanh(200*v)"}}
     guards = {"S": {"within": "x <= s", "set": {"v": "-r*v"}}}
@@ -138,5 +137,4 @@ def test_a_layer_that_steps_of_the_integration_miss_is_named():
     model["parameters"] = {"w": 1.2, "s": 0.6, "r": 0.9}
     follow = {"parameter": "w", "range": [1, 2], "orbits": ["1"]}
     scene = read_scene({"name": "layer", "model": model, "follow": follow})
-    with pytest.raises(InputError, match="steps miss layers"):
-        check_model(scene.model)
+    assert "flight from S" in check_model(scene.model)
