@@ -18,7 +18,7 @@ from sympy import Expr
 
 from ..errors import InputError, short_repr
 from .expressions import FUNCTIONS
-from .guards import Guard, Mode, Row, orders_of, pivot, state_before
+from .guards import AMBIGUOUS, Guard, Mode, Row, orders_of, pivot, rival_guards, state_before
 from .linear import Law
 from .nonlinear import Field
 from .symbols import DT, INDICES, PHASE, T0, Double, HarmonicSum, exact, primed_symbol
@@ -419,6 +419,10 @@ def _evaluate_formulas(model: Any) -> Equations:
         for name, guard in found.guards.items()
     }
     found = Equations(**{**vars(found), "departures": departures})
+    for one, other, factor in rival_guards(model.WALLS, size):
+        if sympy.expand(walls[other.name] - exact(factor) * walls[one.name]) == 0:
+            what = f"{other.name!r} is on the surface of {one.name!r}, in one mode and direction"
+            raise InputError(f"{where}: walls", what, AMBIGUOUS)
     for name in () if model.MODES else walls:
         if not found.returns(name, name):
             what = f"an impact at {name!r} leaves its surface"

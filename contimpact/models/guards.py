@@ -7,7 +7,8 @@ modes and guards. A rigid wall is a guard that leads back to the mode it ends.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -193,6 +194,25 @@ def crosses_at(guards: Sequence[Guard], sliding: Guard, limit: str) -> Guard | N
 def same_surface(one: Guard, other: Guard) -> bool:
     """Whether two guards end the same modes on one side of one coordinate."""
     return (one.modes, one.side, one.coordinate) == (other.modes, other.side, other.coordinate)
+
+
+AMBIGUOUS = "give one guard there, or `past` the limit of sliding that tells them apart"
+"""What is accepted in place of two guards that are met at once."""
+
+
+def rival_guards(guards: Sequence[Guard], size: int) -> Iterator[tuple[Guard, Guard, Any]]:
+    """Yield pairs of guards that end a mode on parallel surfaces, met in one direction and by the
+    same condition, and by what factor the gap coordinate of the second is larger.
+
+    Where the second one's position is by this factor larger, too, nothing says which guard is met.
+    """
+    for one, other in itertools.combinations(guards, 2):
+        first, second = one.row(size), other.row(size)
+        place = pivot(first)
+        factor = second[place] / first[place]
+        together = {*one.modes} & {*other.modes} and one.past == other.past
+        if together and are_parallel(first, second) and factor * one.side * other.side > 0:
+            yield one, other, factor
 
 
 def graph(guards: Sequence[Guard]) -> dict[str, str]:

@@ -28,6 +28,7 @@ from .expressions import (
     names_in,
     number,
 )
+from .guards import AMBIGUOUS, rival_guards
 from .model import Model
 
 T = TypeVar("T", bound="MachineTable")
@@ -80,8 +81,7 @@ def check_period(stated: MachineTable, values: Mapping[str, float]) -> None:
                 accepted += f", {factor} times as long" if factor else ""
                 break
         raise InputError("period", f"{said} {wrong} does not repeat", accepted)
-    random = Random(6)
-    near = {n: v * random.uniform(0.9, 1.1) if v else 0.1 for n, v in values.items()}
+    near = values_near(values, 6)
     try:
         period = number(stated.period, "period", near)
     except InputError:
@@ -89,6 +89,12 @@ def check_period(stated: MachineTable, values: Mapping[str, float]) -> None:
     if period > 0.0 and (wrong := _not_repeating(stated.in_time(near), period)):
         found = f"{said} {wrong} repeats at these values of the parameters alone"
         raise InputError("period", found, "give the period as an expression of the parameters")
+
+
+def values_near(values: Mapping[str, float], seed: int) -> dict[str, float]:
+    """Return random values of the parameters near these."""
+    random = Random(seed)
+    return {n: v * random.uniform(0.9, 1.1) if v else 0.1 for n, v in values.items()}
 
 
 def _candidate_periods(period: float, angles: Sequence[Timed]) -> list[tuple[str, float]]:
@@ -466,6 +472,28 @@ class StatedSystem(Model):
     def __init__(self, /, **given: Any) -> None:
         super().__init__(**given)
         check_period(type(self).machine, self.values)
+        self._check_surfaces()
+
+    def _check_surfaces(self) -> None:
+        """Refuse two guards that are met at once whatever the parameters are: InputError has the
+        place in the scene's table."""
+        positions = {guard.name: guard.position for guard in type(self).machine.guards}
+        near = [values_near(self.values, seed) for seed in range(3)]
+        for one, other, factor in rival_guards(self.WALLS, self.DEGREES_OF_FREEDOM):
+            where = f"guards.{other.name}.within"
+            try:
+                places = [
+                    (
+                        factor * number(positions[one.name], where, values),
+                        number(positions[other.name], where, values),
+                    )
+                    for values in (self.values, *near)
+                ]
+            except InputError:  # without a value there
+                continue
+            if all(abs(a - b) <= ROUNDING * max(abs(a), abs(b)) for a, b in places):
+                found = f"it is the surface of {one.name!r}, met in the same mode and direction"
+                raise InputError(where, found, AMBIGUOUS)
 
     def statement(self) -> list[tuple[str, str]]:
         """Return what a scene states, for readers, as headings with a text each."""

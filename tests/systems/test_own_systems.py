@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import os
 import subprocess
@@ -66,6 +67,16 @@ def ball(amplitude="a", restitution="r", **attributes):
 def made(kind, gamma=1.3):
     amplitude, restitution = (kind.PARAMETERS[i].name for i in (0, 2))
     return kind(**{amplitude: gamma * G / OMEGA**2, "omega": OMEGA, restitution: R})
+
+
+def test_two_walls_on_one_surface_are_refused():
+    def formulas(self, symbols):
+        one = ball().formulas(self, symbols)
+        return dataclasses.replace(one, walls={"P": symbols["g"], "Q": symbols["g"]})
+
+    walls = Wall("P", side=-1), Wall("Q", side=-1)
+    with pytest.raises(InputError, match=r"walls: 'Q' is on the surface of 'P', in one mode"):
+        Kernels(made(ball(WALLS=walls, formulas=formulas)), "a").setup(1.0, 1.0, 1.0, 1.0)
 
 
 # Names

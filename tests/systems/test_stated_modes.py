@@ -144,6 +144,25 @@ def test_mistakes_are_refused_by_their_cause(change, message):
         model_of(OSCILLATOR | change)
 
 
+@pytest.mark.parametrize(
+    "within", ["x <= sigma", "sigma >= x", "2*x <= 2*sigma", "-3*x >= -3*sigma"]
+)
+def test_two_guards_on_one_surface_are_refused(within):
+    """Which of them was met rounding decided, and otherwise in compiled code."""
+    first = OSCILLATOR["guards"]["S"]
+    table = OSCILLATOR | {"guards": {"S": first, "B": {"within": within, "set": {"v": "-v/2"}}}}
+    message = r"^model\.guards\.B\.within: it is the surface of 'S', met in the same mode and dir"
+    with pytest.raises(InputError, match=message):
+        model_of(table)
+
+
+@pytest.mark.parametrize("within", ["x >= -sigma", "2*x <= 3*sigma", "x <= sigma + a - 0.4"])
+def test_guards_that_are_met_apart_are_admitted(within):
+    """The last ones lie together at these values of the parameters alone."""
+    first = OSCILLATOR["guards"]["S"]
+    model_of(OSCILLATOR | {"guards": {"S": first, "B": {"within": within, "set": {"v": "-v/2"}}}})
+
+
 def test_a_mode_without_a_law_is_named_with_what_needs_it():
     modes = TWO_BODIES["modes"] | {"held": {"x1": "v1", "v1": "push"}}
     with pytest.raises(
