@@ -285,10 +285,9 @@ class Automaton:
 
     @functools.cached_property
     def _holdable(self) -> tuple[int, ...]:
-        """The rigid walls of the mode after each guard, a bit for each."""
-        rigid = [guard.rigid for guard in self.guards]
+        """The walls of the mode after each guard, a bit for each."""
         return tuple(
-            sum(1 << k for k, meets in enumerate(row) if meets and rigid[k])
+            sum(1 << k for k, meets in enumerate(row) if meets and self._is_wall(k))
             for row in self.passages.watched
         )
 
@@ -346,7 +345,7 @@ class Automaton:
         """
         guard, e = self.guards[state.wall], self.restitution[state.wall]
         force = guard.side * acceleration
-        if not guard.rigid or e >= 1.0 or not force > 0.0:
+        if not self._is_wall(state.wall) or e >= 1.0 or not force > 0.0:
             return math.inf
         return 2.0 * e * abs(state.velocity) / (force * (1.0 - e))
 
@@ -476,6 +475,10 @@ class Automaton:
     def _stays(self, left: int) -> bool:
         """Whether the motion goes on from the surface of the guard that it leaves."""
         return self.passages.arrivals[left][left] != ELSEWHERE
+
+    def _is_wall(self, wall: int) -> bool:
+        """Whether the motion goes on there in the same mode, so that it may come to rest."""
+        return self.guards[wall].rigid and self._stays(wall)
 
     def _beyond(self, window: Window, left: int) -> bool:
         """Whether a jump has led behind a guard of the next mode."""

@@ -566,7 +566,7 @@ def is_beyond(flights: AnyFlights, law: int, space: Vector) -> bool:
 def accumulates(flights: AnyFlights, wall: int, velocity: float, acceleration: float) -> bool:
     """Whether impacts on a wall are so near to their end that it may be held; see `run`."""
     e, force = flights.restitution[wall], flights.sides[wall] * acceleration
-    if e >= 1.0 or not force > 0.0:
+    if flights.stays[wall] == 0 or e >= 1.0 or not force > 0.0:
         return False
     return 2.0 * e * abs(velocity) <= SHORT * flights.clock[0] * force * (1.0 - e)
 

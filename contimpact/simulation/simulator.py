@@ -375,10 +375,11 @@ def has_several_coordinates(model: Model, kernels: Kernels) -> bool:
     """Whether a system has more than one coordinate between two walls in each mode.
 
     Linear flights are simulated faster as polynomials in pieces than by their kernels, too, and
-    where a jump may lead on at once to another mode's guard, each flight is looked at.
+    where a jump leads elsewhere, or may lead on at once to another mode's guard, each flight is
+    looked at.
     """
     passages, guards = kernels.passages, model.WALLS
-    if model.DEGREES_OF_FREEDOM != 1 or 0.0 in passages.leaving:
+    if model.DEGREES_OF_FREEDOM != 1 or not passages.anchored or 0.0 in passages.leaving:
         return True
     if any(kernels.linear(guard.name) for guard in guards):
         return True

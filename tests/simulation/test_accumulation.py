@@ -1,4 +1,7 @@
-"""Impacts that accumulate on a stop of two masses, and the sojourn after them, in thirty digits."""
+"""Impacts that accumulate on a stop of two masses, and the sojourn after them, in thirty digits.
+
+Where a jump leads away from its guard none accumulate, however slow they are.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,9 @@ import itertools
 import mpmath
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
+from contimpact.results.scene import read_scene
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.two_masses import TwoMasses
 
@@ -112,3 +117,56 @@ def test_chatter_ends_and_sticking_is_released_when_thirty_digits_say():
     assert after.phase == pytest.approx(float(exact.released(when, y, v)), abs=1e-14)
     assert after.held == 1
     assert simulator.run(after, impacts=1).held[0] == 0
+
+
+AWAY = {"S": {"within": "x <= s", "set": {"x": "-s", "v": ".9*v"}}}
+BACK = {"L": {"within": "x >= -s", "set": {"x": "s", "v": ".9*v"}}}
+LAWS = {"sin(x)": np.sin, "0.1*x": lambda x: 0.1 * x}
+
+
+def jumped(law, t, v, back):
+    """The next passages (guard, time, velocity) after one of S, by SciPy's DOP853."""
+    x, v, found = -2.0, 0.9 * v, []
+    for _ in range(3):
+        gaps = [lambda t, y: y[0] - 2.0, lambda t, y: -2.0 - y[0]]
+        for gap in gaps:
+            gap.terminal, gap.direction = True, 1
+
+        def field(t, y):
+            return [y[1], 1.5 * np.cos(0.8 * t) - LAWS[law](y[0]) - 0.1 * y[1]]
+
+        tight = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13}
+        end = solve_ivp(field, (t, t + 99.0), [x, v], events=gaps[: 1 + back], **tight)
+        t, v, at = end.t[-1], end.y[1, -1], [len(times) for times in end.t_events].index(1)
+        found.append(("SL"[at], t, v))
+        x, v = (2.0 if at else -2.0), 0.9 * v
+    return found
+
+
+@pytest.mark.parametrize("mode", ["never", "always"])
+@pytest.mark.parametrize("back", [False, True])
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("velocity", [0.0, 1e-10, 1.0])
+@pytest.mark.quick(2)
+def test_where_a_jump_leads_away_no_impacts_accumulate(velocity, law, back, mode, monkeypatch):
+    """A slow one was held at the guard it had left, or ended the run; where the other guard is on
+    the surface it leads to, plain runs stayed where they began."""
+    pytest.importorskip("heyoka")
+    monkeypatch.setenv("CONTIMPACT_COMPILED", mode)
+    scene = {
+        "name": "jumps",
+        "model": {
+            "system": "hybrid",
+            "period": "2*pi/w",
+            "parameters": {"w": 0.8, "a": 1.5, "s": 2.0},
+            "modes": {"free": {"x": "v", "v": f"a*cos(w*t) - {law} - 0.1*v"}},
+            "guards": AWAY | (BACK if back else {}),
+        },
+        "follow": {"parameter": "w", "range": [0.7, 0.9], "orbits": ["S"]},
+    }
+    simulator = Simulator(read_scene(scene).model)
+    run = simulator.run(simulator.state("S", 0.3, velocity), impacts=3)
+    walls, times, velocities = zip(*jumped(law, 0.3, velocity, back), strict=True)
+    assert run.word == "".join(walls)
+    assert run.turns * run.period + run.phases == pytest.approx(times, abs=1e-9)
+    assert run.velocities == pytest.approx(velocities, abs=1e-9)
