@@ -159,6 +159,13 @@ def require_all(given: Any, attributes: Iterable[str], where: str, kind: str) ->
         raise InputError(where, f"found {short_repr(given)}", f"give a tuple of {kind}")
 
 
+def require_forcing(model: Model, where: str, why: str, accepted: str) -> None:
+    """Raise `InputError` for a system without forcing."""
+    if model.autonomous:
+        found = f"{why} the forcing's period, and the system has no forcing"
+        raise InputError(where, found, accepted)
+
+
 # The contract of a system's class, checked when the class is defined.
 
 REQUIRED = ("SYSTEM", "PARAMETERS", "WALLS")

@@ -33,7 +33,7 @@ from ..display import ParameterItems
 from ..errors import InputError, each_once, explain_arguments, short_repr
 from ..models.expressions import names_in
 from ..models.guards import graph
-from ..models.model import Model
+from ..models.model import Model, require_forcing
 from ..models.outputs import VOLTAGE, Output, check_output
 from ..models.word import Word, parse_word
 from ..schema import Key, Table, fit, key, read, written
@@ -447,9 +447,7 @@ def _written_outputs(outputs: Sequence[Output]) -> dict[str, Any]:
 
 def _forced(asked: T, where: str, here: Any, why: str, accepted: str) -> T:
     """What a table asks for, which is refused for a system without forcing."""
-    if here.model.autonomous:
-        found = f"{why} the forcing's period, and the system has no forcing"
-        raise InputError(where, found, accepted)
+    require_forcing(here.model, where, why, accepted)
     return asked
 
 

@@ -24,7 +24,7 @@ from ..results.tables import columns_of
 from ..segments.kernels import Kernels
 from .attractor import OTHER, Attractor, Kind, distances_between
 from .run import Outcome, Run, State
-from .settle import settle
+from .settle import require_attractors, settle
 from .simulator import Batch, Simulator, as_simulator
 from .sweep import APART, Row, Sweep, same_attractor
 
@@ -209,6 +209,7 @@ def attractor_numbers(
     threads: int | None = None,
 ) -> list[int]:
     """Return the number of the attractor of each start; new ones are added to the list."""
+    require_attractors(simulator.model)
     batch = Batch(simulator, states, threads)
     numbers = np.full(len(states), -1)
     left, known = np.arange(len(states)), len(found)

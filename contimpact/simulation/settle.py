@@ -19,7 +19,7 @@ from scipy.linalg import eig
 
 from ..arrays import Array
 from ..errors import InputError, explain_arguments
-from ..models.model import Model
+from ..models.model import Model, require_forcing
 from ..models.word import Word
 from ..results.options import SETTLING, Settling
 from ..segments.flight import FlightGaps, flight_gaps
@@ -277,6 +277,12 @@ _ENDS = {
 }
 
 
+def require_attractors(model: Model) -> None:
+    """Raise `InputError` for a system whose attractors cannot be told."""
+    accepted = "use Simulator for single motions, find_orbits for orbits"
+    require_forcing(model, "model", "attractors are told by", accepted)
+
+
 @explain_arguments
 def settle(
     simulator: Simulator | Model,
@@ -300,8 +306,14 @@ def settle(
     Returns
     -------
     Attractor
+
+    Raises
+    ------
+    InputError
+        If the system has no forcing.
     """
     simulator = as_simulator(simulator)
+    require_attractors(simulator.model)
     if isinstance(state, str):
         state = simulator.random_state()
     if state is None:

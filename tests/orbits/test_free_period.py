@@ -290,6 +290,24 @@ def test_records_are_orbits_again(branch, tmp_path):
         ci.certify(diagram)
 
 
+@pytest.mark.parametrize(
+    "ask",
+    [
+        ci.settle,
+        ci.find_attractors,
+        ci.basins,
+        lambda model: ci.sweep(model, "c", [-0.1]),
+        lambda model: ci.basin_fractions(model, "c", [-0.1], box={"position": [[0.0, 1.0]]}),
+    ],
+)
+def test_attractors_of_a_free_period_are_refused(ask):
+    """They were told by the forcing's period, of which the stable limit cycle has none."""
+    with pytest.raises(
+        InputError, match=r"^model: .* no forcing; use Simulator for single"
+    ):
+        ask(oscillator())
+
+
 # Self-excited oscillations.
 
 
