@@ -590,6 +590,11 @@ class Automaton:
         """Return compiled code for many motions; None if there is none, or it does not pay."""
         return self._runs.batch(asked) if self._runs is not None else None
 
+    @property
+    def dear(self) -> bool:
+        """Whether compiled flights take long."""
+        return self._runs is not None and self._runs.dear
+
     @functools.cached_property
     def _runs(self) -> Runs | None:
         """What makes flights on which no wall is held, if all are linear, or integrated."""

@@ -34,6 +34,7 @@ from .run import (
     COLUMNS,
     DONE,
     LEFT,
+    LONG,
     NO_IMPACT,
     Engine,
     Runs,
@@ -193,7 +194,7 @@ def fly_integrated(
     if flights.stays[wall] == 0 and is_beyond(flights, law, space):
         return BEYOND, wall, 0.0
     left, began, passed, length = wall, numbers[0], 0.0, FIRST * period
-    while passed < flights.sizes[4] * period:
+    while passed < min(flights.sizes[4], LONG) * period:
         made = path(law, length, numbers, flights.series, weights, rows, way)
         if made < 0:
             length *= 0.5
@@ -222,7 +223,7 @@ def fly_integrated(
         passed += length
         numbers[0] = began + passed
         left, length = -1, min(2.0 * length, period)
-    return NO_IMPACT, wall, 0.0
+    return (NO_IMPACT if flights.sizes[4] <= LONG else LEFT), wall, 0.0
 
 
 # Runs of systems whose flights are all integrated.

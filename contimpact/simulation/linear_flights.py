@@ -40,6 +40,7 @@ from .run import (
     COLUMNS,
     DONE,
     LEFT,
+    LONG,
     NO_IMPACT,
     Engine,
     Runs,
@@ -325,7 +326,8 @@ def fly_linear(
     left, begun = wall, 2 * width
     for j in range(n):
         space[begun + j] = space[j]
-    for turn in range(flights.sizes[4]):
+    repeats = False
+    for turn in range(min(flights.sizes[4], LONG)):
         for k in range(flights.count[law]):
             reached, s, speed = arrivals(flights, law, left, velocity, space)
             if reached == -2:
@@ -342,9 +344,10 @@ def fly_linear(
             apart = max(apart, abs(space[j] - space[begun + j]))
             size = max(size, abs(space[j]))
             space[begun + j] = space[j]
-        if apart <= REPEATED * size:
+        repeats = apart <= REPEATED * size
+        if repeats:
             break
-    return NO_IMPACT, wall, 0.0
+    return (NO_IMPACT if repeats or flights.sizes[4] <= LONG else LEFT), wall, 0.0
 
 
 # Runs of systems whose flights are all linear: their vectors, plain and compiled.

@@ -421,6 +421,11 @@ class OneCoordinate:
         none = [np.empty(0, DTYPES[kind]) for kind in ROW]
         return lambda at, when, limits: fast(*self._arrays, at, when, *none, limits)
 
+    @property
+    def dear(self) -> bool:
+        """Whether compiled flights take long."""
+        return self._runs is not None and self._runs.dear
+
     @functools.cached_property
     def _runs(self) -> Runs | None:
         """What makes flights that are integrated, but those from rest, if all are."""

@@ -688,7 +688,9 @@ def formulas(motions: Sequence[Kernel]) -> tuple[str, ...]:
 
 
 FEW = 1024
-"""Impacts made at once plainly, or where flights take long."""
+"""Impacts or periods made at once plainly, or where flights take long."""
+LONG = 4096
+"""Periods after which a flight is left to plain Python, where an interruption is noticed."""
 
 COLUMNS = INTEGERS * 2 + VECTOR * 2
 """Kinds of the columns that `make_flights` fills."""
@@ -761,7 +763,9 @@ class Runs(ABC):
     ) -> tuple[State, Outcome | None, int, list[Any]]:
         """Make impacts as `Automaton.make`; the outcome is None where a flight is left to it."""
         fast = self.engine.program(asked)
-        most = span[0] if fast and not self.dear else min(span[0], FEW)
+        most, last = span
+        if self.dear or not fast:
+            most, last = min(most, FEW), min(last, state.turns + FEW)
         rows = most if record else 0
         shapes = (rows, rows, rows, rows * self.size)
         columns: list[Any] = [
@@ -772,10 +776,10 @@ class Runs(ABC):
         when: Any = [float(state.phase), *(float(y) for y in state.section), fastest]
         if fast:
             at, when = array(at, INTEGERS), array(when, VECTOR)
-            limits = array((most, span[1]), INTEGERS)
+            limits = array((most, last), INTEGERS)
             made = fast(*self._arrays, *self.room(), at, when, *columns, limits)
         else:
-            made = self.make_plainly(at, when, columns, (most, span[1]))
+            made = self.make_plainly(at, when, columns, (most, last))
         section = tuple(float(y) for y in when[1:-1])
         end = State(int(at[0]), float(when[0]), section[0], int(at[1]), section[1:])
         outcome = None if at[2] == LEFT else OUTCOMES[at[2]]

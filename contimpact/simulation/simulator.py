@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import functools
 import math
+import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from multiprocessing import parent_process
@@ -34,7 +35,7 @@ from .flights import LinearMotion
 from .one_coordinate import OneCoordinate
 from .run import DONE, LEFT, OUTCOMES, Call, Outcome, Run, State, states_of
 
-CHUNK, FEW = 65536, 256
+CHUNK, FEW = 16384, 256
 """Rows made at once, at most and at first: interrupts come through between chunks."""
 _ENDLESS = 2**62
 
@@ -402,8 +403,11 @@ LONGEST = 65536
 """Impacts of a start made in one call at most."""
 PARTS = 4
 """Parts of the starts for each thread, so that all end at about the same time."""
-AT_A_TIME = 8192
-"""Periods of all starts of a part at most: an interruption is noticed between parts."""
+AT_A_TIME, OF_DEAR = 8192, 256
+"""Periods that compiled code makes of all starts of a part at most, and where flights take long: an
+interruption is noticed between calls."""
+FEW_STARTS = 8
+"""Starts of a part at most where flights take long."""
 
 
 class Batch:
@@ -465,16 +469,30 @@ class Batch:
         fastest = [self.simulator.runaway_speed(speed) for speed in speeds.tolist()]
         when = _rows(self.phases[chosen], self.sections[chosen], fastest)
         limits = _rows(0 * chosen + LONGEST, self.turns[chosen] + periods)
-        size = min(math.ceil(len(chosen) / (PARTS * self.threads)), AT_A_TIME // max(periods, 1))
-        size = max(1, size)
-        parts = [slice(first, first + size) for first in range(0, len(chosen), size)]
+        dear, stopped = self.simulator.machine.dear, threading.Event()
+        most = OF_DEAR if dear else AT_A_TIME
+        step = max(1, min(periods, most))
+        size = min(math.ceil(len(chosen) / (PARTS * self.threads)), most // step)
+        size = min(size, FEW_STARTS) if dear else size
+        parts = np.split(np.arange(len(chosen)), range(size, len(chosen), size))
 
-        def make(part: slice) -> None:
-            call(*(table[part].reshape(-1) for table in (at, when, limits)))
+        def make(part: Array) -> None:
+            for passed in range(step, periods + step, step):
+                part = part[(at[part, 2] == DONE) & (at[part, 1] < limits[part, 1])]
+                if not len(part) or stopped.is_set():
+                    return
+                given = at[part], when[part], limits[part]
+                given[2][:, 1] = np.minimum(limits[part, 1], self.turns[chosen[part]] + passed)
+                call(*(table.reshape(-1) for table in given))
+                at[part], when[part] = given[:2]
 
         if self.threads > 1 and len(parts) > 1:
             with ThreadPoolExecutor(self.threads) as pool:
-                list(pool.map(make, parts))
+                try:
+                    list(pool.map(make, parts))
+                except KeyboardInterrupt:
+                    stopped.set()
+                    raise
         else:
             for part in parts:
                 make(part)

@@ -1,6 +1,7 @@
 """Integrated flights from impact to impact, compiled: against plain ones, and SciPy's."""
 
 import importlib.util
+import signal
 from itertools import pairwise
 from pathlib import Path
 
@@ -10,7 +11,8 @@ from scipy.integrate import solve_ivp
 
 import contimpact as ci
 from contimpact.results.scene import read_scene
-from contimpact.simulation.run import Outcome
+from contimpact.simulation.integrated_flights import IntegratedRuns
+from contimpact.simulation.run import LONG, Outcome
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.duffing import Duffing
 from contimpact.systems.pendulum import Pendulum
@@ -115,6 +117,56 @@ def test_many_starts_end_where_each_does_alone(compiled):
     alone = [simulator.run(start, periods=5) for start in starts]
     assert [outcome for outcome, _ in together] == [run.outcome for run in alone]
     assert [end for _, end in together] == [run.end for run in alone]
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """The periods that each call of compiled code is asked for, of all its starts."""
+    asked, batch = [], IntegratedRuns.batch
+
+    def counted(self, *given):
+        call = batch(self, *given)
+
+        def counting(at, when, limits):
+            asked.append(int(np.sum(limits[1::2] - at[1::3])))
+            if len(asked) == INTERRUPTED:
+                signal.raise_signal(signal.SIGINT)
+            return call(at, when, limits)
+
+        return counting
+
+    monkeypatch.setattr(IntegratedRuns, "batch", counted)
+    return asked
+
+
+INTERRUPTED = 12
+
+
+def test_calls_of_many_starts_are_short(compiled, calls):
+    """A call is not interrupted: it makes few periods, and where it ends the next one begins."""
+    simulator = Simulator(Duffing(**HARD))
+    starts = [simulator.random_state(seed) for seed in range(2)]
+    together = simulator.run_all(starts, periods=600, threads=1)
+    assert calls == [256, 256, 88] * 2
+    alone = [simulator.run(start, periods=600) for start in starts]
+    assert together == [(run.outcome, run.end) for run in alone]
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_an_interruption_ends_many_starts_at_once(threads, compiled, calls):
+    simulator = Simulator(Duffing(**HARD))
+    starts = [simulator.random_state(seed) for seed in range(100)]
+    with pytest.raises(KeyboardInterrupt):
+        simulator.run_all(starts, periods=1000, threads=threads)
+    assert INTERRUPTED <= len(calls) <= INTERRUPTED + 2 * threads
+
+
+@pytest.mark.parametrize(("longest", "outcome"), [(LONG, Outcome.NO_IMPACT), (LONG + 1, None)])
+def test_a_flight_that_is_too_long_for_a_call_is_left_to_plain_python(longest, outcome, compiled):
+    model = Pendulum(a=0.1, omega=2.0, c=0.5, sigma=1.0, r=0.8)
+    simulator = Simulator(model, longest_flight=longest)
+    runs, start = simulator.machine._runs, simulator.state("S", 0.3, 0.1)
+    assert runs.make(start, (9, 9), 9, False, np.inf)[1:3] == (outcome, 0)
 
 
 @pytest.mark.parametrize("periods", [1.5, -1])
