@@ -16,7 +16,7 @@ from contimpact.errors import InputError
 from contimpact.models.guards import state_before
 from contimpact.results.scene import read_scene
 
-QUICK = (2, 1, 4, 6, 1016, 1069)
+QUICK = (2, 1, 4, 6, 1016, 1069, 1222)
 MANY = range(200)
 EVERY = 20
 CLOSES = 1e-8
@@ -78,8 +78,9 @@ def deciding(event, word, turns, span):
         start, begun, end = ends(walker, impacts)
         gap, mode = walker.guards[event.wall].gap, walker.guards[word[k]].to
         sol = solve_ivp(walker.field(mode), (start, end), begun, **TIGHT).sol
-        width = 0.05 * (end - start)
-        bounds = max(start, event.touch_time - width), min(end, event.touch_time + width)
+        width, later = 0.05 * (end - start), round((start - event.times[k]) / walker.period)
+        about = event.touch_time + later * walker.period
+        bounds = max(start, about - width), min(end, about + width)
         options = {"xatol": 1e-10 * (end - start)}
         top = minimize_scalar(
             lambda s: -gap(s, *sol(s)), bounds=bounds, method="bounded", options=options
