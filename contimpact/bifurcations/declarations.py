@@ -79,12 +79,11 @@ SYNONYMS = {
 """Names of kinds elsewhere, and what they are here."""
 
 
-def unknown_kind(name: object, where: str) -> InputError:
-    """Return the refusal of a name that no kind of event has."""
+def unknown_kind(name: object, where: str, own: Iterable[str] = ()) -> InputError:
+    """Return the refusal of a name that no kind of event has, of the package or of one's own."""
     hint = f"; {SYNONYMS[name]}" if isinstance(name, str) and name in SYNONYMS else ""
-    return InputError(
-        where, f"no event kind {short_repr(name)}", f"accepted are {', '.join(KINDS)}{hint}"
-    )
+    accepted = f"accepted are {', '.join(dict.fromkeys([*KINDS, *own]))}{hint}"
+    return InputError(where, f"no event kind {short_repr(name)}", accepted)
 
 
 EVENTS = tuple(kind.name for kind in DECLARED if kind.usual and not kind.tori)

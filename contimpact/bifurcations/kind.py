@@ -322,7 +322,8 @@ class UnknownKind(Kind):
         self.name = name
 
     def test(self, problem: OrbitProblem, values: Values) -> TestFunction[Linearisation]:
-        raise unknown_kind(self.name, "events")
+        names = (getattr(kind, "name", None) for kind in _subclasses(Kind))
+        raise unknown_kind(self.name, "events", (name for name in names if name))
 
 
 def kind_of(name: str) -> Kind:

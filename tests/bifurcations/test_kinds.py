@@ -74,7 +74,7 @@ def test_declarations_are_read_without_numerics():
 
 def test_a_kind_that_is_not_defined_is_refused(pair):
     orbit = find_orbits(pair(), "1:1", parameter="s")[0]
-    with pytest.raises(InputError, match=r"no event kind 'XY'.*accepted are FB, BP"):
+    with pytest.raises(InputError, match=r"no event kind 'XY'.*accepted are FB, BP.*, MU, MU 0.7"):
         continue_orbit(orbit, range=(0.3, 0.4), events=["XY"])
 
 
