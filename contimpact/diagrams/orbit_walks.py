@@ -257,5 +257,7 @@ class FreePeriodEnds(Policy):
             what = f"{problem.parameter} changes no more"
             if lost:
                 what = f"the rounding errors of so long a flight to {error:.1g}"
+                if isinstance(problem, FreeQuietProblem):
+                    what += " (two modes of its law, with guards at v = 0, would divide it)"
             return End.of(EndKind.FOR_EVER, *at, **told, what=what), point
         return (End.of(EndKind.ROUNDING, *at, **told), point) if lost else None

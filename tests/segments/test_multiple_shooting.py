@@ -13,6 +13,8 @@ from contimpact.continuation.ends import EndKind
 from contimpact.models.word import Word
 from contimpact.orbits.quiet import problem_of
 from contimpact.orbits.search import orbit_at
+from contimpact.results.branch import orbit_with
+from contimpact.results.scene import read_scene
 from contimpact.segments import layout
 from contimpact.segments.integrated_form import (
     MOST_PIECES,
@@ -207,6 +209,82 @@ def homoclinic():
         return found.y[1, -1]
 
     return brentq(lambda c: 0.8 * speed(c, 1) + speed(c, -1), -0.1, -0.06, xtol=1e-15)
+
+
+LIMIT_CYCLE = {
+    "system": "hybrid",
+    "period": "2*pi",
+    "parameters": {"mu": 0.9},
+    "define": {"pull": "x - x**3 - 0.5*(mu - x)*v"},
+}
+LARGEST = (1.3730187894, 5.79420984)
+"""Largest x and period of the limit cycle at mu = 0.9, by DOP853."""
+
+
+def branch_of_cycle(guards, modes, word, passages, tolerance):
+    modes = {mode: {"x": "v", "v": "pull"} for mode in modes}
+    table = LIMIT_CYCLE | {"modes": modes, "guards": guards}
+    follow = {"parameter": "mu", "range": [0.5, 1.2], "orbits": ["0"]}
+    model = read_scene({"name": "cycle", "model": table, "follow": follow}).model
+    orbit = orbit_with(model, (word, 0), "mu", np.array([*passages, 0.9]))
+    settings = ci.Settings(tolerance=tolerance)
+    return ci.continue_orbit(orbit, "mu", (0.5, 0.95), events=[], settings=settings)
+
+
+def pull(x, mu=0.9, v=0.0):
+    return x - x**3 - 0.5 * (mu - x) * v
+
+
+def test_a_long_orbit_without_impacts_says_what_would_divide_it():
+    """It comes near to the saddle half way: differences decay, and then grow as much again. Points
+    are as accurate as rounding lets so long a flight be."""
+    guard = {"S": {"within": "x <= 3", "set": {"v": "-v"}}}
+    branch = branch_of_cycle(guard, ["free"], "", LARGEST, 1e-10)
+    (end,) = (end for end in branch.ends if end.kind is EndKind.FOR_EVER)
+    assert "two modes of its law, with guards at v = 0, would divide it" in end.message
+    assert end.value == pytest.approx(saddle_loop(), abs=2e-6)
+
+
+@pytest.mark.slow
+def test_guards_at_rest_divide_a_long_orbit():
+    """The branch goes on to the homoclinic orbit, to 13 digits."""
+    guards = {
+        "A": {"mode": "right", "within": "v >= 0", "to": "left"},
+        "B": {"mode": "left", "within": "v <= 0", "to": "right"},
+    }
+    x, period = LARGEST
+
+    def turns(t, y):
+        return y[1]
+
+    turns.direction = 1.0
+    law = lambda t, y: [y[1], pull(y[0], v=y[1])]  # noqa: E731
+    half = solve_ivp(law, (0.0, period), [x, 0.0], "DOP853", rtol=1e-12, atol=1e-13, events=turns)
+    time, least = half.t_events[0][-1], half.y_events[0][-1][0]
+    passages = [-period, pull(x), x, 0.0, time - period, pull(least), least, 0.0]
+    branch = branch_of_cycle(guards, ["right", "left"], "AB", passages, 1e-12)
+    ends = [end for end in branch.ends if end.kind is EndKind.FOR_EVER]
+    assert all("mu changes no more" in end.message for end in ends)
+    assert [end.value for end in ends] == pytest.approx([saddle_loop()] * len(ends), abs=2e-13)
+    assert ends
+    assert branch["period"].max() > 38.0
+
+
+def saddle_loop():
+    """Where the ways out of the saddle and into it meet at rest."""
+
+    def reached(mu, way):
+        rate = 0.5 * (-0.5 * mu + way * math.sqrt(0.25 * mu * mu + 4.0))
+
+        def turns(t, y):
+            return y[1]
+
+        turns.terminal = True
+        options = {"method": "DOP853", "rtol": 2.5e-14, "atol": 1e-22, "events": turns}
+        law = lambda t, y: [y[1], pull(y[0], mu, y[1])]  # noqa: E731
+        return solve_ivp(law, (0.0, way * 60.0), [1e-7, 1e-7 * rate], **options).y[0, -1]
+
+    return brentq(lambda mu: reached(mu, 1) - reached(mu, -1), 0.8, 0.87, xtol=1e-15)
 
 
 @pytest.mark.slow
