@@ -478,7 +478,7 @@ def _integrated_flight(field: str, directions: str, *arguments: Number) -> Vecto
     return _bounded_function(partial(integration.flown, field, directions), sizes=sizes)(*arguments)
 
 
-_power = _bounded_function(pow)
+_power = _bounded_function(math.pow)
 _OWN = {
     "floor": _floor,
     "flow": _flow,

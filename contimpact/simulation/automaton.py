@@ -46,6 +46,7 @@ from .flights import (
 )
 from .linear_flights import Law, LinearRuns, Setting
 from .run import (
+    CALM,
     EARLY,
     LOW,
     SHORT,
@@ -357,8 +358,9 @@ class Automaton:
         acceleration = motion(state.phase, *state.section, 0.0, *self.values)[2]
         return self._rest(state, float(acceleration)) <= SHORT * self.period
 
-    def next(self, state: State) -> State | Outcome:
-        """Return the next impact or release, or why there is none."""
+    def next(self, state: State, fastest: float = math.inf) -> State | Outcome:
+        """Return the next impact or release, or why there is none; what is faster than `fastest`
+        runs away."""
         if self._accumulates(state):
             return Outcome.ACCUMULATING
         left = state.wall
@@ -367,7 +369,8 @@ class Automaton:
             resting = held != 0
             if number == 0 and (self._beyond(window, left) or (not held and self.passes(state))):
                 return Outcome.BEYOND
-            found = self._first_in_parts(window, held, left if number == 0 else None, left)
+            first = left if number == 0 else None
+            found = self._first_in_parts(window, held, first, left, fastest)
             if isinstance(found, Outcome):
                 return found
             if found is not None:
@@ -392,26 +395,28 @@ class Automaton:
             yield KernelWindow(*known, begin, length), 0
 
     def _first_in_parts(
-        self, window: Window, held: int, left: int | None, mode_of: int
+        self, window: Window, held: int, left: int | None, mode_of: int, fastest: float
     ) -> tuple[float, State] | Outcome | None:
         """The first arrival or release in a window: when after the flight's start, and the state.
 
         Where the flow does not stay finite to the window's end it is halved: a guard may come
-        before. If none does, the motion runs away.
+        before. If none does, the motion runs away, or comes to where the law has no value.
         """
         try:
             found = self._first(window, held, left, mode_of)
-        except ArithmeticError:
+        except (ArithmeticError, ValueError):
             if not isinstance(window, KernelWindow):
                 raise
         else:
             return None if found is None else (found[0] + window.begin, found[1])
         half = 0.5 * window.length
         if half < LEAST * self.period:
-            return Outcome.RUNAWAY
+            rates = (window.beginning(self.guards[k[0]])[1] for k in self._watched(mode_of, held))
+            slow = all(abs(rate) <= CALM * fastest for rate in rates)
+            return Outcome.UNDEFINED if slow else Outcome.RUNAWAY
         for begin, first in ((window.begin, left), (window.begin + half, None)):
             part = replace(window, begin=begin, length=half)
-            there = self._first_in_parts(part, held, first, mode_of)
+            there = self._first_in_parts(part, held, first, mode_of, fastest)
             if there is not None:
                 return there
         return None
@@ -485,8 +490,7 @@ class Automaton:
         if self._stays(left):
             return False
         for numbers in self._watched(left, 0):
-            curve, _, origin = window.coordinate(self.guards[numbers[0]])
-            begin = origin + float(curve((), 0.0, ())[0])
+            begin, _ = window.beginning(self.guards[numbers[0]])
             if any(self.guards[k].side * (self.positions[k] - begin) < 0.0 for k in numbers):
                 return True
         return False
@@ -575,7 +579,8 @@ class Automaton:
                         break
                     continue
             with timed_plainly(self._runs.engine.identity if self._runs else ()):
-                found = self.next(state) if state.speed <= fastest else Outcome.RUNAWAY
+                slow = state.speed <= fastest
+                found = self.next(state, fastest) if slow else Outcome.RUNAWAY
             if self._runs is not None:
                 self._runs.engine.plain += 1
             if isinstance(found, Outcome):

@@ -189,7 +189,7 @@ def fly_integrated(
     """Return side, time and velocity of the impact that ends a flight; see `fly_in_time`.
 
     A zero of the acceleration before the time `least` belongs to the release itself. The side is 0,
-    and the velocity infinite, where the flow ceases to be finite before any impact. Raises
+    and the time not a number, where the flow ceases to be finite before any impact. Raises
     StepLimitError where a window as short as the first one takes too many steps.
     """
     period, rising, speed = body.clock[0], body.leaving[wall] < 0, velocity
@@ -217,7 +217,7 @@ def fly_integrated(
         left = left._replace(velocity=speed)
         passed, moved = passed + length, moved + x
         length = min(2.0 * length, period)
-    return 0, passed, speed if length > LEAST * period else math.inf
+    return 0, passed if length > LEAST * period else math.nan, speed
 
 
 def _clear(curve: IntegratedCurve, low: float, high: float) -> bool:
@@ -362,6 +362,10 @@ class Window(Protocol):
         """Return how a guard's gap coordinate moves; times count from the window's beginning."""
         ...
 
+    def beginning(self, guard: Guard) -> tuple[float, float]:
+        """Return a guard's gap coordinate and its velocity at the window's beginning."""
+        ...
+
     def bounds(self, guard: Guard) -> tuple[float, float]:
         """Return bounds of a guard's gap coordinate in the window, wide ones if need be."""
         ...
@@ -400,6 +404,11 @@ class LinearWindow:
         row = guard.row(size)
         curve = self.track.along(row, from_start=True)
         return curve, curve.breaks(), float(self.state[:size] @ row)
+
+    def beginning(self, guard: Guard) -> tuple[float, float]:
+        size = self.motion.shape.freedom
+        row = guard.row(size)
+        return float(self.state[:size] @ row), float(self.state[size : 2 * size] @ row)
 
     def bounds(self, guard: Guard) -> tuple[float, float]:
         return self.track.bounds(guard.row(self.motion.shape.freedom))
@@ -461,10 +470,7 @@ class KernelWindow:
     length: float
 
     def coordinate(self, guard: Guard) -> Coordinate:
-        size = self.kernels.model.DEGREES_OF_FREEDOM
-        own = guard.row(size) == self.guard.row(size)
-        kernels, left = self.kernels, self.guard.name
-        kernel = kernels.motion(left) if own else kernels.gap(left, guard.name)
+        own, kernel = self._kernel(guard)
         head, values, begin = (self.start.phase, *self.start.section), self.values, self.begin
 
         def motion(_: Any, dt: float, __: Any) -> Any:
@@ -472,6 +478,17 @@ class KernelWindow:
 
         breaks = breaks_of(kernel, head, values, self.length, begin)
         return motion, breaks, self.position if own else 0.0
+
+    def _kernel(self, guard: Guard) -> tuple[bool, Kernel]:
+        """Whether a guard is on the gap coordinate that is left, and the kernel of its own."""
+        size, left = self.kernels.model.DEGREES_OF_FREEDOM, self.guard.name
+        own = guard.row(size) == self.guard.row(size)
+        return own, self.kernels.motion(left) if own else self.kernels.gap(left, guard.name)
+
+    def beginning(self, guard: Guard) -> tuple[float, float]:
+        own, kernel = self._kernel(guard)
+        x, v, _ = kernel(self.start.phase, *self.start.section, self.begin, *self.values)
+        return (self.position if own else 0.0) + float(x), float(v)
 
     def bounds(self, guard: Guard) -> tuple[float, float]:
         """None are known."""

@@ -45,6 +45,7 @@ class Outcome(enum.Enum):
     BEYOND = (
         "a jump led behind a guard of the next mode, where the system does not say how to go on"
     )
+    UNDEFINED = "the law of motion is no finite number where the motion leads"
 
 
 OUTCOMES = tuple(Outcome)
@@ -463,8 +464,13 @@ def coefficient(motion: Callable[..., Any], wall: int) -> float:
     return abs(float(motion((wall, 0.0, LOW), 0.0)[1])) / LOW
 
 
-DONE, RESTING, NO_IMPACT, RUNAWAY = range(4)
-"""Why a run ended: numbers of `contimpact.simulation.run.Outcome`."""
+DONE, RESTING, NO_IMPACT, RUNAWAY, _, BEYOND, UNDEFINED, LEFT = range(8)
+"""Why a run ended: numbers of `contimpact.simulation.run.Outcome`; or the next flight is left to
+the `automaton`."""
+
+CALM = 1e-4
+"""A motion whose law ceases to have a value while it is slower than this part of the speed beyond
+which it runs away has come to where there is none."""
 
 
 def make_impacts(
@@ -509,6 +515,8 @@ def make_impacts(
             side, dt, speed = fly(body, wall, phase, velocity)
             if side == 0:
                 outcome = NO_IMPACT if abs(speed) <= fastest else RUNAWAY
+                if dt != dt:
+                    outcome = UNDEFINED if abs(speed) <= CALM * fastest else RUNAWAY
                 break
             wall = wall_on(body, wall, side)
             velocity = speed
@@ -532,10 +540,6 @@ def make_impacts(
 
 TOGETHER = 1e-14
 """Arrivals within this part of a period are at one time; the fastest of them comes first."""
-
-BEYOND, LEFT = 5, 6
-"""Why a run ended, besides those of `run`: a jump led behind a guard, as
-`contimpact.simulation.run.Outcome` has it; or the next flight is left to the `automaton`."""
 
 AnyFlights: TypeAlias = Any
 """A system at fixed parameter values, as vectors: `linear_flights.Flights`, or what has the same

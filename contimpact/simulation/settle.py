@@ -274,6 +274,7 @@ _ENDS = {
     Outcome.RUNAWAY: Kind.RUNAWAY,
     Outcome.ACCUMULATING: Kind.NOT_SETTLED,
     Outcome.BEYOND: Kind.NOT_SETTLED,
+    Outcome.UNDEFINED: Kind.NOT_SETTLED,
 }
 
 

@@ -308,7 +308,8 @@ class Simulator(ParameterItems):
             state, outcome, count, columns = self.machine.make(state, span, asked, record, fastest)
             parts.append(columns)
             made, size = made + count, min(4 * size, CHUNK)
-        end = None if outcome in (Outcome.NO_IMPACT, Outcome.RUNAWAY) else state
+        nowhere = Outcome.NO_IMPACT, Outcome.RUNAWAY, Outcome.UNDEFINED
+        end = None if outcome in nowhere else state
         left = state if outcome is Outcome.NO_IMPACT else None
         return Run(
             self.letters,

@@ -158,7 +158,7 @@ def test_an_interruption_ends_many_starts_at_once(threads, compiled, calls):
     starts = [simulator.random_state(seed) for seed in range(100)]
     with pytest.raises(KeyboardInterrupt):
         simulator.run_all(starts, periods=1000, threads=threads)
-    assert INTERRUPTED <= len(calls) <= INTERRUPTED + 2 * threads
+    assert INTERRUPTED <= len(calls) < 100  # of 400
 
 
 @pytest.mark.parametrize(("longest", "outcome"), [(LONG, Outcome.NO_IMPACT), (LONG + 1, None)])
@@ -182,6 +182,41 @@ def test_a_flight_that_escapes_runs_away(compiled):
     simulator = Simulator(Duffing(**SOFTENING))
     run = simulator.run(simulator.state("S", 0.3, 30.0), impacts=200)
     assert (run.outcome, run.end, run.left) == (Outcome.RUNAWAY, None, None)
+
+
+REBOUND, JUMP = {"v": "-.9*v"}, {"x": "s/2", "v": "-.9*v"}
+
+
+@pytest.mark.parametrize("mode", ["never", "always"])
+@pytest.mark.parametrize("change", [REBOUND, JUMP])
+@pytest.mark.parametrize("beside", [{}, {"y": "u", "u": "x - y - u"}])
+@pytest.mark.parametrize(
+    ("law", "velocity", "outcome"),
+    [("-x**1.5", 1.0, Outcome.UNDEFINED), ("x**3", 30.0, Outcome.RUNAWAY)],
+)
+@pytest.mark.filterwarnings("ignore:invalid value encountered in power:RuntimeWarning")
+@pytest.mark.quick(4)
+def test_where_a_law_has_no_value_is_told_from_motion_that_runs_away(
+    law, velocity, outcome, beside, change, mode, monkeypatch
+):
+    """At x < 0 the power is no real number; it was called a motion that runs away, or raised an
+    error. The cube makes x infinite after a finite time."""
+    monkeypatch.setenv("CONTIMPACT_COMPILED", mode)
+    scene = {
+        "name": "powers",
+        "model": {
+            "system": "hybrid",
+            "period": "2*pi/w",
+            "parameters": {"w": 1.0, "a": 1.3, "s": 0.5},
+            "modes": {"free": {"x": "v", "v": f"a*cos(w*t) + {law}"} | beside},
+            "guards": {"S": {"within": "x <= s", "set": change}},
+        },
+        "follow": {"parameter": "w", "range": [0.9, 1.1], "orbits": ["S"]},
+    }
+    simulator = Simulator(read_scene(scene).model)
+    start = simulator.state("S", 0.3, velocity, [0.0] * len(beside))
+    run = simulator.run(start, impacts=50)
+    assert (run.outcome, run.end, run.left) == (outcome, None, None)
 
 
 def test_a_motion_that_meets_no_wall_says_so(compiled):
