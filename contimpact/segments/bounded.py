@@ -478,7 +478,14 @@ def _integrated_flight(field: str, directions: str, *arguments: Number) -> Vecto
     return _bounded_function(partial(integration.flown, field, directions), sizes=sizes)(*arguments)
 
 
-_power = _bounded_function(math.pow)
+def _real_power(x: float, y: float) -> float:
+    found = pow(x, y)
+    if isinstance(found, complex):
+        raise ArithmeticError("a power has no real value")
+    return float(found)
+
+
+_power = _bounded_function(_real_power)
 _OWN = {
     "floor": _floor,
     "flow": _flow,
