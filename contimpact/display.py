@@ -7,7 +7,6 @@ pictures.
 
 from __future__ import annotations
 
-import html
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -113,6 +112,8 @@ def table_of(summary: Summary) -> str:
 
 
 def _cell(value: Any) -> str:
+    import html
+
     text = f"{value:.10g}" if isinstance(value, float) else str("" if value is None else value)
     return html.escape(printable(text))
 

@@ -18,9 +18,7 @@ import functools
 import math
 import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from multiprocessing import parent_process
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,10 +28,12 @@ from ..errors import InputError, explain_arguments
 from ..models.model import Model
 from ..segments.compiling import cores
 from ..segments.kernels import Kernels
-from .automaton import Automaton
 from .flights import LinearMotion
 from .one_coordinate import OneCoordinate
 from .run import DONE, LEFT, OUTCOMES, Call, Outcome, Run, State, states_of
+
+if TYPE_CHECKING:
+    from .automaton import Automaton
 
 CHUNK, FEW = 16384, 256
 """Rows made at once, at most and at first: interrupts come through between chunks."""
@@ -75,7 +75,9 @@ class Simulator(ParameterItems):
         self.period = float(setup.period)
         self.positions = tuple(float(x) for x in setup.walls)
         self.derived = dict(zip(model.DERIVED, setup.derived, strict=True))
-        kind = Automaton if has_several_coordinates(model, self.kernels) else OneCoordinate
+        kind: type[Automaton | OneCoordinate] = OneCoordinate
+        if has_several_coordinates(model, self.kernels):
+            from .automaton import Automaton as kind
         given = (model, self.kernels, self.period, self.positions, longest_flight)
         try:
             self.machine: Automaton | OneCoordinate = kind(*given)
@@ -422,6 +424,8 @@ class Batch:
         self, simulator: Simulator, states: Sequence[State], threads: int | None = None
     ) -> None:
         self.simulator = simulator
+        from multiprocessing import parent_process
+
         self.threads = threads or (1 if parent_process() else cores())
         states = [state.within(simulator.period) for state in states]
         self.walls = np.array([state.wall for state in states], dtype=np.int64)
@@ -488,6 +492,8 @@ class Batch:
                 at[part], when[part] = given[:2]
 
         if self.threads > 1 and len(parts) > 1:
+            from concurrent.futures import ThreadPoolExecutor
+
             with ThreadPoolExecutor(self.threads) as pool:
                 try:
                     list(pool.map(make, parts))

@@ -74,9 +74,7 @@ def _process(pid: int) -> Process:
 @functools.cache
 def host_name() -> str:
     """Return the machine's name."""
-    import socket
-
-    return socket.gethostname()
+    return platform.node()
 
 
 def digest_of(name: str) -> str:
