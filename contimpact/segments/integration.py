@@ -66,8 +66,8 @@ NOISE = 16.0
 """The same as a part of how much the force differs where its arguments do by `MOVED`."""
 MOVED = 4.0
 """Units of rounding."""
-SHORTEST_STEP = 2.0**-64
-"""Shortest part of a flight to which a step is halved."""
+SHORTEST_STEP = 2.0**-53
+"""Shortest part of a flight to which a step is halved: the time does not change by less."""
 
 
 @dataclass

@@ -576,7 +576,8 @@ class Writer:
             begun += [f"w[{at + j}] = {self.at(speed, j)}" for j in (0, *speed.by)]
         sizes = [f"max({', '.join(f'abs({row}[{i}])' for i in state)})" for row in "rpq"]
         given = ", ".join(self.given.values())
-        watch = [f"while h >= SHORTEST_STEP and misses({given}, at, h, size, w):", "    h *= 0.5"]
+        watch = [f"while misses({given}, at, h, size, w):", "    h *= 0.5"]
+        watch += ["    if h < SHORTEST_STEP:", f"        {failed}"]
         if not may_hide(self.field):
             watch = []
         lines = [
@@ -598,7 +599,7 @@ class Writer:
             "            r = tail(w, STRIDE * k)",
             *_indented(3, [f"{s} = {s} * h + r[{i}]" for i, s in enumerate(sums)]),
             f"        total = {' + '.join(sums)}",
-            "        if h < SHORTEST_STEP or not total - total == 0.0:",
+            "        if not total - total == 0.0:",
             f"            {failed}",
             *_indented(2, each),
             "        if h >= left:",
