@@ -66,8 +66,9 @@ NOISE = 16.0
 """The same as a part of how much the force differs where its arguments do by `MOVED`."""
 MOVED = 4.0
 """Units of rounding."""
-SHORTEST_STEP = 2.0**-53
-"""Shortest part of a flight to which a step is halved: the time does not change by less."""
+SHORTEST_STEP = 2.0**-48
+"""Shortest part of a flight that a step takes there: where the law has no value, steps go down to
+where the state does not change. A force that jumps is passed by longer ones."""
 
 
 @dataclass
@@ -460,7 +461,8 @@ class Integrator:
                 return
             else:
                 width, count = longest, at_once
-                going = said in self._going
+                stuck = self._hides and any(step.length < SHORTEST_STEP for step in taken)
+                going = said in self._going and not stuck
             if not going:
                 raise OverflowError("a flight does not stay finite")
             taken.clear()

@@ -576,8 +576,8 @@ class Writer:
             begun += [f"w[{at + j}] = {self.at(speed, j)}" for j in (0, *speed.by)]
         sizes = [f"max({', '.join(f'abs({row}[{i}])' for i in state)})" for row in "rpq"]
         given = ", ".join(self.given.values())
-        watch = [f"while misses({given}, at, h, size, w):", "    h *= 0.5"]
-        watch += ["    if h < SHORTEST_STEP:", f"        {failed}"]
+        watch = [f"while h >= SHORTEST_STEP and misses({given}, at, h, size, w):", "    h *= 0.5"]
+        watch += ["if h < SHORTEST_STEP and h < left:", f"    {failed}"]
         if not may_hide(self.field):
             watch = []
         lines = [
