@@ -121,8 +121,11 @@ def _by_series(writer: Writer, name: str, text: str, *called: Callable[..., obje
         return _PLACEHOLDER.sub(lambda found: repr(numbers[found[0]]), text)
 
     names: dict[str, Any] = {"math": math, "tail": tail} | {one.__name__: one for one in called}
-    names["force"] = kernel_of("force", writer.force(), f"<force of {writer.field}>")
-    for helper, lines in {**writer.helpers, "misses": writer.misses()}.items():
+    helpers = dict(writer.helpers)
+    if writer.hides:
+        names["force"] = kernel_of("force", writer.force(), f"<force of {writer.field}>")
+        helpers["misses"] = writer.misses()
+    for helper, lines in helpers.items():
         names[helper] = kernel_of(helper, with_numbers(lines), f"<{helper}>", names)
     function = kernel_of(name, with_numbers(text), f"<{name} by {writer.field}>", names)
     return BySeries(function, (ORDER + 1) * stride)

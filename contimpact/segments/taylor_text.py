@@ -54,6 +54,7 @@ class Writer:
 
     def __init__(self, field: str, asked: tuple[str, ...], along: bool = False) -> None:
         self.field, self.stated, self.asked = field, statement(field), asked
+        self.hides = may_hide(field)
         self.freedom = d = self.stated.freedom
         trees = map(parse_expression, self.stated.accelerations)
         matter = {
@@ -578,8 +579,6 @@ class Writer:
         given = ", ".join(self.given.values())
         watch = [f"while h >= SHORTEST_STEP and misses({given}, at, h, size, w):", "    h *= 0.5"]
         watch += ["if h < SHORTEST_STEP and h < left:", f"    {failed}"]
-        if not may_hide(self.field):
-            watch = []
         lines = [
             f"def {name}({given}, {more}):",
             *_indented(1, self.once + begun),
@@ -593,7 +592,7 @@ class Writer:
             "        left = (1.0 - at) - lost",
             f"        size = {sizes[0]}",
             f"        h = step_length(size, {', '.join(sizes[1:])}, left)",
-            *_indented(2, watch),
+            *_indented(2, watch if self.hides else []),
             *_indented(2, [f"{s} = p[{i}]" for i, s in enumerate(sums)]),
             "        for k in range(ORDER - 1, -1, -1):",
             "            r = tail(w, STRIDE * k)",

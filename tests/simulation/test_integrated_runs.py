@@ -243,7 +243,7 @@ HIDDEN = {
     "bump": ("90*(x + 1)*exp(-30*(x + 1)**2)", 5.0, 3.8474783, 3.85958059),
 }
 """Forces below rounding beside the wall; velocities there, and SciPy's next impacts, with DOP853 in
-steps of .01."""
+steps of .002."""
 
 
 @pytest.mark.parametrize("how", ["always", "never"])
