@@ -12,8 +12,7 @@ import numpy as np
 
 from contimpact.bifurcations.kind import Change, kind_of
 from contimpact.bifurcations.status import places_with_status
-from contimpact.continuation.branch import Points
-from contimpact.continuation.ends import EndKind
+from contimpact.continuation.branch import EndKind, Points
 from contimpact.diagrams import orbit_branch, orbit_walks
 from contimpact.orbits.multipliers import count_unstable
 from contimpact.orbits.physicality import PHYSICAL

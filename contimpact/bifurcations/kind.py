@@ -18,9 +18,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import Array
-from ..continuation.branch import Details, TestFunction
+from ..continuation.branch import Details, EndKind, TestFunction
 from ..continuation.corrector import border_jacobian, first_tangent
-from ..continuation.ends import EndKind
 from ..models.word import Word, repetitions
 from ..orbits.multipliers import count_unstable
 from ..orbits.physicality import Verdict

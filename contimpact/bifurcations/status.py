@@ -19,9 +19,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..continuation.branch import MissedEvent, Points, TestFunction, Walk
+from ..continuation.branch import EndKind, MissedEvent, Points, TestFunction, Walk
 from ..continuation.corrector import Arc
-from ..continuation.ends import EndKind
 from ..continuation.events import find_events
 from ..continuation.settings import Settings
 from ..continuation.sign_changes import Sample, Stretch

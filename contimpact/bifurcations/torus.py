@@ -10,8 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..continuation.branch import Point, TestFunction
-from ..continuation.ends import EndKind
+from ..continuation.branch import EndKind, Point, TestFunction
 from ..models.word import Word
 from ..orbits.multipliers import neimark_sacker
 from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding

@@ -18,7 +18,7 @@ import numpy as np
 from flint import arb, ctx
 
 from ..bifurcations.kind import kind_of
-from ..continuation.ends import EndKind
+from ..continuation.branch import EndKind
 from ..models.model import Model
 from ..models.word import Word
 from ..orbits.problem import Array, OrbitProblem

@@ -21,8 +21,7 @@ import numpy as np
 
 from ..arrays import Array, Vector
 from . import problem as linear
-from .branch import Event, Point
-from .ends import Refusal, RefusalDetails
+from .branch import Event, Point, Refusal, RefusalDetails
 from .problem import EPSILON, Evaluation, Problem, angle, inner_product, length, norm
 from .settings import Settings
 

@@ -18,9 +18,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from .branch import Point
+from .branch import Point, Refusal, RefusalDetails
 from .corrector import Arc
-from .ends import Refusal, RefusalDetails
 from .problem import Array, Problem, length
 from .settings import Settings
 from .step import Notice

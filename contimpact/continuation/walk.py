@@ -11,7 +11,19 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import InputError
-from .branch import Block, Event, MissedEvent, Point, Points, TestFunction, Walk
+from .branch import (
+    Block,
+    End,
+    EndKind,
+    Event,
+    MissedEvent,
+    Point,
+    Points,
+    Refusal,
+    RefusalDetails,
+    TestFunction,
+    Walk,
+)
 from .corrector import (
     Arc,
     correct,
@@ -22,7 +34,6 @@ from .corrector import (
     test_values_at_start,
 )
 from .crossing_branches import Find, Meeting, MeetingRecord
-from .ends import End, EndKind, Refusal, RefusalDetails
 from .events import find_events
 from .problem import EPSILON, Evaluation, Problem, angle, inner_product, length
 from .settings import Settings

@@ -20,7 +20,7 @@ from ..arrays import Array
 from ..bifurcations.doubling import PD
 from ..bifurcations.grazing import G
 from ..bifurcations.kind import test_functions
-from ..continuation.ends import EndKind
+from ..continuation.branch import EndKind
 from ..models.model import Model
 from ..models.word import Word
 from ..orbits.orbit import Orbit

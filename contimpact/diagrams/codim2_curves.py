@@ -9,9 +9,8 @@ import numpy as np
 from ..arrays import Array
 from ..bifurcations.codimension_two import CurveStart
 from ..bifurcations.kind import kind_of
-from ..continuation.branch import Event, Point, TestFunction
+from ..continuation.branch import End, EndKind, Event, Point, TestFunction
 from ..continuation.corrector import correct, first_tangent
-from ..continuation.ends import End, EndKind
 from ..continuation.problem import length
 from ..continuation.settings import Settings
 from ..errors import InputError, explain_arguments

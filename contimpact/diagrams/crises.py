@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..bifurcations.extended_system import EPSILON
-from ..continuation.branch import Event, Point, Points
-from ..continuation.ends import EndKind
+from ..continuation.branch import EndKind, Event, Point, Points
 from ..errors import InputError, explain_arguments
 from ..models.word import Word
 from ..orbits.orbit import Orbit

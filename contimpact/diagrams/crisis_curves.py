@@ -9,7 +9,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..bifurcations.crisis import Connected, Connection, error_of, solve
-from ..continuation.ends import End
+from ..continuation.branch import End
 from ..continuation.settings import Settings
 from ..continuation.walk import walk
 from ..errors import InputError, explain_arguments

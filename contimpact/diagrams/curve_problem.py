@@ -38,8 +38,7 @@ from ..bifurcations.scalar_systems import (
     newton_step,
     solve_bordered,
 )
-from ..continuation.branch import Block, Details, Point, TestFunction
-from ..continuation.ends import EndKind
+from ..continuation.branch import Block, Details, EndKind, Point, TestFunction
 from ..continuation.step import EVALUATIONS, Backend, Batch, Position, batch_of, columns, take_steps
 from ..errors import InputError, short_repr
 from ..models.model import Model

@@ -21,6 +21,8 @@ from ..bifurcations.declarations import REQUESTED
 from ..bifurcations.extended_system import EPSILON, ExtendedSystem, SystemEvaluation, solve
 from ..bifurcations.kind import Kind, Values, kind_of
 from ..continuation.branch import (
+    End,
+    EndKind,
     Event,
     Location,
     Point,
@@ -32,7 +34,6 @@ from ..continuation.branch import (
 )
 from ..continuation.corrector import Arc, correct
 from ..continuation.crossing_branches import Meeting
-from ..continuation.ends import End, EndKind
 from ..continuation.events import snap_to_points
 from ..continuation.problem import Problem, length
 from ..continuation.settings import Settings

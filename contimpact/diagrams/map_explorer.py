@@ -12,7 +12,7 @@ import numpy as np
 from ..arrays import Array
 from ..bifurcations.kind import test_functions
 from ..bifurcations.requested import RequestedValues
-from ..continuation.ends import End, EndKind
+from ..continuation.branch import End, EndKind
 from ..continuation.walk import Options, is_interrupted
 from ..errors import InputError
 from ..models.model import Model

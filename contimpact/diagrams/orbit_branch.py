@@ -17,9 +17,19 @@ from ..bifurcations.branch_point import BranchPoint
 from ..bifurcations.declarations import KINDS, SWITCHES, usual_events, wanted_kinds
 from ..bifurcations.kind import Start, primitive_start, switch, test_functions
 from ..bifurcations.requested import PERIOD
-from ..continuation.branch import Event, Point, Points, TestFunction, UserFunction, Walk, join_walks
+from ..continuation.branch import (
+    AT_BRANCH_POINTS,
+    End,
+    EndKind,
+    Event,
+    Point,
+    Points,
+    TestFunction,
+    UserFunction,
+    Walk,
+    join_walks,
+)
 from ..continuation.corrector import correct
-from ..continuation.ends import AT_BRANCH_POINTS, End, EndKind
 from ..continuation.events import separate_events, snap_to_points
 from ..continuation.problem import Evaluation
 from ..continuation.settings import Settings

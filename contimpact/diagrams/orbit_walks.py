@@ -12,8 +12,7 @@ import numpy as np
 from ..arrays import Array
 from ..bifurcations.extended_system import OrbitTest, crossing_near
 from ..bifurcations.status import explain_changes
-from ..continuation.branch import Event, Point, TestFunction, Walk
-from ..continuation.ends import End, EndKind
+from ..continuation.branch import End, EndKind, Event, Point, TestFunction, Walk
 from ..continuation.problem import EPSILON, Problem
 from ..continuation.settings import Settings
 from ..continuation.step import Backend, Batch, DenseBackend, Position

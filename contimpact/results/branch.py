@@ -12,8 +12,7 @@ import numpy as np
 from ..arrays import Array
 from ..bifurcations.kind import Scenario
 from ..bifurcations.requested import PERIOD
-from ..continuation.branch import same_place
-from ..continuation.ends import End, EndKind
+from ..continuation.branch import End, EndKind, same_place
 from ..display import NotebookResult, ParameterItems, Summary, frame, limit_lines
 from ..errors import InputError, printable, short_repr
 from ..models.model import Model

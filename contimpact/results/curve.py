@@ -13,7 +13,7 @@ import numpy as np
 from ..arrays import Array
 from ..bifurcations.declarations import CROSSINGS, REQUESTED
 from ..bifurcations.kind import kind_of
-from ..continuation.ends import End
+from ..continuation.branch import End
 from ..display import Summary, limit_lines
 from ..schema import attribute, documented
 from .tables import Columns, first_unknown

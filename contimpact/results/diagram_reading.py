@@ -27,7 +27,7 @@ from ..bifurcations.doubling import PD
 from ..bifurcations.fold import FB
 from ..bifurcations.grazing import JUMP, G
 from ..bifurcations.kind import Scenario
-from ..continuation.ends import EndKind
+from ..continuation.branch import EndKind
 from ..errors import explain_arguments
 from .branch import UNKNOWN, Branch, Entry
 

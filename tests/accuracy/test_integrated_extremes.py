@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import contimpact as ci
-from contimpact.continuation.ends import EndKind
+from contimpact.continuation.branch import EndKind
 from contimpact.models.word import Word
 from contimpact.orbits.quiet import problem_of
 from contimpact.orbits.search import orbit_at

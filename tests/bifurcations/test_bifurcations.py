@@ -17,8 +17,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from contimpact.bifurcations.kind import kind_of, test_functions
-from contimpact.continuation.branch import Event, Point
-from contimpact.continuation.ends import EndKind
+from contimpact.continuation.branch import EndKind, Event, Point
 from contimpact.continuation.settings import Settings
 from contimpact.continuation.walk import walk
 from contimpact.errors import InputError

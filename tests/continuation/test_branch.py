@@ -8,8 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from contimpact.continuation.branch import Block, Event, Point, Points, Walk, join_walks
-from contimpact.continuation.ends import End, EndKind
+from contimpact.continuation.branch import (
+    Block,
+    End,
+    EndKind,
+    Event,
+    Point,
+    Points,
+    Walk,
+    join_walks,
+)
 from contimpact.diagrams.orbit_branch import continue_orbit
 
 

@@ -10,8 +10,7 @@ from algebraic import Algebraic, follow
 from test_walk import Turning, circle, kinds, lemniscate
 from zoo import ROOT
 
-from contimpact.continuation.branch import TestFunction, Walk
-from contimpact.continuation.ends import EndKind
+from contimpact.continuation.branch import EndKind, TestFunction, Walk
 from contimpact.continuation.walk import closed_test_values
 from contimpact.results.catalogue import load_diagram
 from contimpact.results.diagram_reading import stable_intervals

@@ -10,8 +10,16 @@ import numpy as np
 import pytest
 from algebraic import Algebraic, follow
 
-from contimpact.continuation.branch import Event, TestFunction, UserFunction, join_walks
-from contimpact.continuation.ends import End, EndKind, Refusal, RefusalDetails
+from contimpact.continuation.branch import (
+    End,
+    EndKind,
+    Event,
+    Refusal,
+    RefusalDetails,
+    TestFunction,
+    UserFunction,
+    join_walks,
+)
 from contimpact.continuation.settings import Settings
 from contimpact.continuation.walk import Policy, walk
 

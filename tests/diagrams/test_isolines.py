@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from contimpact.continuation.ends import End
+from contimpact.continuation.branch import End
 from contimpact.diagrams.curves import follow_curve, follow_isoline
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.errors import InputError

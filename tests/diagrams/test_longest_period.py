@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from contimpact import continue_orbit, find_orbits, read_scene
-from contimpact.continuation.ends import EndKind
+from contimpact.continuation.branch import EndKind
 
 SCENE = {
     "name": "slow",

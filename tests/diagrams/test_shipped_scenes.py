@@ -20,7 +20,7 @@ from reordered import Judge
 from zoo import ROOT
 
 from contimpact import follow, load_diagram, load_entries, load_scene, read, write_diagram
-from contimpact.continuation.ends import EndKind
+from contimpact.continuation.branch import EndKind
 
 FOLDER = ROOT / "branches"
 NAMES = sorted(path.parent.name for path in FOLDER.glob("*/scene.toml"))

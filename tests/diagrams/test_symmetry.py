@@ -10,7 +10,7 @@ from algebraic import Algebraic
 from algebraic import follow as follow_curve
 from zoo import scene
 
-from contimpact.continuation.ends import EndKind
+from contimpact.continuation.branch import EndKind
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.orbit_branch import continue_born, continue_orbit
 from contimpact.orbits.search import find_orbits

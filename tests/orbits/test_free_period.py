@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 
 import contimpact as ci
 from contimpact.accuracy.reference import Reference
-from contimpact.continuation.ends import EndKind
+from contimpact.continuation.branch import EndKind
 from contimpact.errors import InputError
 from contimpact.models.model import Formulas
 from contimpact.models.word import Word, parse_word

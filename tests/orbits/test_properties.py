@@ -6,7 +6,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from contimpact.continuation.ends import EndKind
+from contimpact.continuation.branch import EndKind
 from contimpact.diagrams.explore import follow
 from contimpact.errors import InputError
 from contimpact.results.scene import read_scene

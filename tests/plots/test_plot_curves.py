@@ -13,7 +13,7 @@ from matplotlib.patches import PathPatch
 from contimpact import plot_codim2, plot_curves
 from contimpact.bifurcations.declarations import CURVES
 from contimpact.bifurcations.kind import kind_of
-from contimpact.continuation.ends import End, EndKind
+from contimpact.continuation.branch import End, EndKind
 from contimpact.errors import InputError
 from contimpact.plots.curves import save_curves
 from contimpact.results.catalogue import catalogue_text

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from zoo import ROOT, scene_table
 
-from contimpact.continuation.ends import EndKind
+from contimpact.continuation.branch import EndKind
 from contimpact.diagrams.explore import follow
 from contimpact.plots.lines import runs
 from contimpact.results.diagram_reading import read, stable_intervals

@@ -17,7 +17,7 @@ import pytest
 from contimpact import ImpactPair, continue_orbit, find_orbits
 from contimpact.arrays import VECTOR
 from contimpact.bifurcations.kind import test_functions as functions_of
-from contimpact.continuation.ends import EndKind
+from contimpact.continuation.branch import EndKind
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams.orbit_program import program_of
 from contimpact.diagrams.orbit_walks import backend_of, walk_orbits

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 import contimpact as ci
 from contimpact.accuracy.reference import Reference
-from contimpact.continuation.ends import EndKind
+from contimpact.continuation.branch import EndKind
 from contimpact.models.word import Word
 from contimpact.orbits.quiet import problem_of
 from contimpact.orbits.search import orbit_at
