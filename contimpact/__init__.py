@@ -73,7 +73,7 @@ if TYPE_CHECKING:
     from .simulation.energy import losses as losses
     from .simulation.files import load as load
     from .simulation.files import save as save
-    from .simulation.fractions import basin_fractions as basin_fractions
+    from .simulation.integrity import basin_fractions as basin_fractions
     from .simulation.integrity import escape_rate as escape_rate
     from .simulation.integrity import integrity as integrity
     from .simulation.manifolds import grow_manifold as grow_manifold

@@ -95,7 +95,6 @@ OF_RESULTS = ("results.catalogue", "cli", "results.diagram_reading")
 RECORDS = (
     "results.branch",
     "results.entry_conversion",
-    "results.tables",
     "results.diagram",
     "results.diagram_reading",
     "results.curve",

@@ -15,10 +15,9 @@ from zoo import ROOT, tool
 
 from contimpact.continuation.settings import Settings
 from contimpact.errors import InputError
-from contimpact.results.branch import Entry, column
+from contimpact.results.branch import Entry, column, same_data
 from contimpact.results.options import CertifyOptions, CurveOptions, PlotOptions, SimulateOptions
 from contimpact.results.scene import Scene, read_scene
-from contimpact.results.tables import same_data
 from contimpact.schema import (
     Key,
     attribute,

@@ -17,9 +17,8 @@ from ..models.word import Word
 from ..orbits.problem import OrbitProblem
 from ..orbits.quiet import problem_of
 from ..orbits.search import solve_near
-from ..results.branch import Entry, orbit_of
+from ..results.branch import Entry, coordinates, orbit_of
 from ..results.entry_conversion import details_of
-from ..results.tables import coordinates
 from .equations import BallProblem, Balls, crosses, krawczyk, prove_zero
 from .orbit import Orbit, stops_at_once
 

@@ -32,8 +32,7 @@ from flint import arb, arb_mat, arb_poly, arb_series
 from ..arrays import Array
 from ..orbits.problem import OrbitProblem
 from ..progress import Progress
-from ..results.branch import Branch
-from ..results.tables import coordinates
+from ..results.branch import Branch, coordinates
 from .equations import BallProblem, Balls, Flight
 
 # How long the proof of a branch may take: what is not looked at in that time is said.

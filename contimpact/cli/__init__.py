@@ -11,13 +11,52 @@ import argparse
 import contextlib
 import importlib
 import os
+import signal
 import sys
-from collections.abc import Mapping, Sequence
-from typing import Any
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NoReturn, TextIO
 
 from .. import __version__
 from ..errors import InputError, NotWrittenError, each_once
-from .terminal import complain, raise_on_termination, say
+from ..storage.files import terminal_text
+
+# A request to end (SIGTERM), as schedulers send it, is taken as Ctrl-C.
+#
+# What was computed is written.
+
+ENDING = (signal.SIGINT, signal.SIGTERM)
+"""Signals that ask a command to end."""
+
+
+@contextlib.contextmanager
+def raise_on_termination() -> Iterator[None]:
+    """Raise `KeyboardInterrupt` where the process is asked to end, if nobody else has a handler."""
+    main = threading.current_thread() is threading.main_thread()
+    if not main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+        yield
+        return
+    signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def _interrupt(*signalled: Any) -> NoReturn:
+    raise KeyboardInterrupt
+
+
+def say(text: str, stream: TextIO | None = None) -> None:
+    """Print lines of text, to standard output if nothing else is said."""
+    stream = stream or sys.stdout
+    print(terminal_text(text, getattr(stream, "encoding", None)), file=stream, flush=True)
+
+
+def complain(message: object) -> None:
+    """Write a message to standard error."""
+    say(f"contimpact: {message}", sys.stderr)
+
 
 EXAMPLES = {
     "check": "contimpact check branches/fig7/scene.toml",
@@ -136,7 +175,7 @@ def parser() -> argparse.ArgumentParser:
     argument(report, "-q --quiet", "print nothing but errors")
     argument(report, "--no-plot", "leave the plots out")
 
-    certify = add("certify", "certify.command", "prove what a catalogue says")
+    certify = add("certify", "folders.certify", "prove what a catalogue says")
     argument(certify, "target SCENE|DIR", "a scene file (TOML) to run first, or a folder")
     argument(certify, "-o --output DIR", "folder to write to, with a scene")
     argument(certify, "--verify", "repeat the proofs that are stored in DIR")

@@ -16,7 +16,7 @@ from ..results.diagram import Diagram
 from ..results.result_folder import Files, digests_of, manifest_text
 from ..results.scene import Scene
 from ..storage.files import is_there
-from .terminal import ENDING
+from . import ENDING
 
 if TYPE_CHECKING:
     from ..models.model import Model

@@ -1,9 +1,10 @@
-"""What is done with folders of results: ``contimpact plot``, ``view``, ``range``, ``catalogue``."""
+"""Commands of folders of results: ``plot``, ``view``, ``range``, ``catalogue`` and ``certify``."""
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
+import importlib.util
 import webbrowser
 from collections.abc import Mapping
 from functools import partial
@@ -14,19 +15,21 @@ from ..errors import InputError, short_repr
 from ..models.model import Model
 from ..progress import Progress, telling
 from ..results.branch import model_at
-from ..results.catalogue import open_results, scene_in
+from ..results.catalogue import Results, open_results, scene_in
 from ..results.diagram import Diagram
 from ..results.diagram_reading import sentence_of
-from ..results.options import FORMATS, PlotOptions
+from ..results.options import FORMATS, CertifyOptions, PlotOptions
 from ..results.ranges import read_fractions
 from ..results.result_folder import hold_folder, kept_still, reading
-from ..results.scene import Scene, systems_of
+from ..results.scene import Scene, load_scene, systems_of
+from ..segments.kernels import Kernels
 from ..storage.files import is_there, write_all
+from . import complain, say
 from .console import motions_in, require_output
-from .terminal import complain, say
 
 if TYPE_CHECKING:
     from ..systems.membrane import Membrane
+
 
 VELOCITY = "velocity"
 """The quantity that attractors are drawn with."""
@@ -211,3 +214,67 @@ def _require_walls(diagram: Diagram, scene: Scene) -> None:
         if not set(branch.word) <= walls:
             accepted = f"{scene.model.SYSTEM} has the walls {', '.join(sorted(walls))}"
             raise InputError(f"branch {branch.id}", f"the word {short_repr(branch.word)}", accepted)
+
+
+def certify(options: argparse.Namespace) -> int:
+    """Certify a folder, or a scene after running it; returns the exit status."""
+    if importlib.util.find_spec("flint") is None:
+        found = "python-flint, which proofs are made with, is not installed"
+        raise InputError("certify", found, "pip install contimpact[certify]")
+    target = Path(options.target)
+    if target.is_dir():
+        if options.output is not None:
+            raise InputError("-o", "given with a folder", "its certificates are written into it")
+        return _certify_or_verify(target, options)
+    if options.verify:
+        raise InputError(str(target), "no folder", "give the folder whose certificates to verify")
+    return _run_scene(options) or _certify_or_verify(Path(options.output), options)
+
+
+def _run_scene(options: argparse.Namespace) -> int:
+    """Run the scene, as ``contimpact run`` does."""
+    if options.output is None:
+        raise InputError("-o", "missing", "give the folder to write to")
+    from ..certificates.certify import enclosing_kernels
+    from . import parser, run
+
+    scene = load_scene(options.target)
+    enclosing_kernels(Kernels(scene.model, scene.parameter))  # refused before anything is run
+    flags = [*(["-q"] if options.quiet else []), *(["--no-plot"] if options.no_plot else [])]
+    given = parser().parse_args(["run", *flags, f"-o{options.output}", "--", options.target])
+    return run.command(given)
+
+
+def _certify_or_verify(folder: Path, options: argparse.Namespace) -> int:
+    from ..certificates.certify import (
+        FILE,
+        ROWS,
+        certify_results,
+        verify_results,
+        write_certificates,
+    )
+
+    with telling(folder.name, options.quiet) as tell:
+        if options.verify:
+            found = verify_results(open_results(folder), progress=tell)
+        else:
+            with hold_folder(folder, (FILE, ROWS)):
+                results = open_results(folder)
+                found = certify_results(results, settings_of(results), progress=tell, keep=True)
+                write_certificates(results, found)
+    if not options.quiet:
+        for line in found.lines():
+            say(line)
+        done = "verified" if options.verify else f"written to {folder / FILE}"
+        say(f"{done} in {found.seconds:.2f} s")
+    if not found.certified:
+        complain(f"{folder}: not everything is proven")
+    return 0 if found.certified else 1
+
+
+def settings_of(results: Results) -> CertifyOptions:
+    """Return what the scene in a folder's manifest asks for; the defaults where there is none."""
+    if results.manifest is None:
+        return CertifyOptions()
+    scene = scene_in(results.folder, manifest=results.manifest)
+    return scene.certify or CertifyOptions(events=scene.events)

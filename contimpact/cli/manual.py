@@ -8,8 +8,7 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 
-from . import commands_of, parser
-from .terminal import say
+from . import commands_of, parser, say
 
 HEAD = """\
 # Commands

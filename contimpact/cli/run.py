@@ -24,6 +24,7 @@ from ..results.result_folder import Files, hold_folder, renew_folder
 from ..results.scene import Scene, folder_of, load_scene, require_own_folders, systems_of
 from ..segments.compiling import mode
 from ..storage.files import write_all
+from . import complain, say
 from .console import (
     Interruption,
     add_page,
@@ -33,7 +34,6 @@ from .console import (
     require_output,
     write_manifest,
 )
-from .terminal import complain, say
 
 
 def command(options: argparse.Namespace) -> int:

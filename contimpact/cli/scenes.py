@@ -16,8 +16,8 @@ from ..results.options import FORMATS, CurveOptions
 from ..results.result_folder import hold_folder
 from ..results.scene import Scene, load_scene, systems_of
 from ..storage.files import write_text
+from . import complain, say
 from .console import Interruption, defer_interruptions
-from .terminal import complain, say
 
 
 def new(options: argparse.Namespace) -> int:

@@ -13,6 +13,7 @@ from ..results.diagram import Diagram
 from ..results.result_folder import ROWS, TABLES, Files, hold_folder, renew_folder
 from ..results.scene import load_scene, systems_of
 from ..segments.compiling import mode
+from . import complain, say
 from .console import (
     Interruption,
     add_page,
@@ -21,7 +22,6 @@ from .console import (
     page_wanted,
     write_manifest,
 )
-from .terminal import complain, say
 
 
 def command(options: argparse.Namespace) -> int:

@@ -18,8 +18,8 @@ from ..studies.run import Tally, WorkersLostError, duration, run_study
 from ..studies.store import Store
 from ..studies.study import QUANTITIES, Map, Study, studies
 from ..studies.study_file import load_study
+from . import complain, say
 from .console import require_output
-from .terminal import complain, say
 
 FORMATS = ("png", "svg", "pdf")
 """Of maps."""

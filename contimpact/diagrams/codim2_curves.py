@@ -19,11 +19,10 @@ from ..models.word import Word
 from ..orbits.problem import Linearisation
 from ..orbits.quiet import problem_of
 from ..orbits.search import repeats
-from ..results.branch import Entry, model_of
+from ..results.branch import Entry, coordinates, model_of
 from ..results.curve import Codim2, Curve
 from ..results.entry_conversion import details_of, entry_of
 from ..results.options import CURVE_SETTINGS
-from ..results.tables import coordinates
 from ..segments.kernels import Kernels
 from .curve_problem import CurvePoint, CurveProblem, double_of, require_curve, starts_at
 from .curves import Range, check_range, clip_rounding, curve_from_walks, walk_both_ways

@@ -19,12 +19,11 @@ from ..orbits.orbit import Orbit
 from ..orbits.quiet import problem_of
 from ..orbits.search import find_orbits, solve_near
 from ..progress import Asked
-from ..results.branch import Branch, Entry, orbit_with
+from ..results.branch import Branch, Entry, columns_of, orbit_with
 from ..results.diagram import Diagram
 from ..results.entry_conversion import entry_of, pairs_of
 from ..results.options import SimulateOptions
 from ..results.scene import Scene
-from ..results.tables import columns_of
 from ..segments.kernels import Kernels
 from ..simulation.attractor import Attractor, Kind
 from ..simulation.basins import orbits_on

@@ -46,11 +46,10 @@ from ..orbits.problem import Linearisation, OrbitProblem, rounding
 from ..orbits.quiet import problem_of
 from ..orbits.search import reduce_period, repeats
 from ..progress import Asked, chain_callbacks, counting_callback, progress_lines
-from ..results.branch import Entry, model_of
+from ..results.branch import Entry, all_parameters, columns_of, model_of
 from ..results.curve import Codim2, Curve
 from ..results.entry_conversion import entry_first, impacts_of, to_orbit
 from ..results.options import CURVE_SETTINGS
-from ..results.tables import all_parameters, columns_of
 from ..segments.kernels import Kernels
 from .curve_problem import (
     CurvePoint,

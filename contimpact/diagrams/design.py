@@ -36,7 +36,7 @@ from ..results.options import DesignOptions
 from ..results.scene import Scene, load_scene, read_scene
 from ..segments.kernels import Kernels
 from ..simulation.attractor import Kind as MotionKind
-from ..simulation.fractions import basin_fractions
+from ..simulation.integrity import basin_fractions
 from ..simulation.settle import settle
 from ..simulation.simulator import Simulator
 from ..storage.files import csv_text

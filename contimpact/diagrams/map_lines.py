@@ -32,11 +32,10 @@ from ..orbits.problem import OrbitProblem, Summary
 from ..orbits.quiet import problem_of
 from ..orbits.search import find_orbits, reduce_period, rotate_to_word, search_for, solve_near
 from ..progress import Progress
-from ..results.branch import Branch, Entry, orbit_of
+from ..results.branch import Branch, Entry, columns_of, orbit_of
 from ..results.curve import BIRTHS, Coverage, Curve
 from ..results.entry_conversion import details_of
 from ..results.scene import Scene
-from ..results.tables import columns_of
 from ..segments.kernels import Kernels
 from .curve_problem import system_of
 from .orbit_branch import Run, first_step, run_born, symmetric_end, walk_both_ways

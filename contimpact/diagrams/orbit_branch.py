@@ -52,10 +52,9 @@ from ..orbits.problem import OrbitProblem, Summary
 from ..orbits.quiet import problem_of
 from ..orbits.search import mirror_orbit, reduce_period, repeats, rotate_to_word, solve_near
 from ..progress import Asked, chain_callbacks, counting_callback, progress_lines
-from ..results.branch import Branch, Entry
+from ..results.branch import Branch, Entry, columns_of
 from ..results.diagram import Diagram
 from ..results.entry_conversion import entry_by_name, entry_first, entry_of, event_of, to_orbit
-from ..results.tables import columns_of
 from ..segments.kernels import Kernels
 from .orbit_walks import walk_orbits
 

@@ -44,7 +44,7 @@ from ..storage.files import Content, write_all
 if TYPE_CHECKING:
     from ..results.diagram import Diagram
     from ..simulation.basins import Basins, Coverage
-    from ..simulation.fractions import BasinFractions
+    from ..simulation.integrity import BasinFractions
     from ..simulation.simulator import Simulator
     from .crisis_location import Crisis, NoCrisis
 
@@ -150,7 +150,7 @@ class _Director:
         self.kept.check(self.options.sweeps(), set(self.values if self.options.starts else ()))
         self.simulators = Simulators(scene.model, scene.parameter, kernels)
         if self.options.fractions:
-            from ..simulation.fractions import require_starts
+            from ..simulation.integrity import require_starts
 
             simulator = self.simulators.at(self.options.fractions[0])
             require_starts(simulator, self.options.box, "simulate.fractions")
@@ -335,7 +335,7 @@ class _Director:
     def fractions(self) -> None:
         options = self.options
         if options.fractions:
-            from ..simulation.fractions import basin_fractions
+            from ..simulation.integrity import basin_fractions
 
             self.result.fractions = basin_fractions(
                 self.scene.model,
@@ -414,7 +414,7 @@ def write_simulation(result: Simulation, folder: Path) -> list[str]:
 
         files["crises.json"] = partial(crises_text, result.crises, scene.parameter)
     if result.fractions is not None:
-        from ..simulation.fractions import fractions_text
+        from ..simulation.integrity import fractions_text
 
         files["fractions.csv"] = partial(fractions_text, result.fractions)
     if result.coverage is not None:

@@ -16,7 +16,7 @@ from ..bifurcations.kind import kind_of
 from ..models.guards import Guard, orders_of
 from ..models.model import Model
 from ..progress import Progress, ignore_progress, tell_each
-from ..results.branch import Branch, Entry
+from ..results.branch import Branch, Entry, coordinates
 from ..results.curve import (
     Area,
     Coverage,
@@ -38,7 +38,6 @@ from ..results.diagram_reading import Reading, read, sentence_of
 from ..results.quantities import GREEK, PI_BELOW, label_parts
 from ..results.ranges import Motion, Share, shorten_names
 from ..results.scene import OUTPUT_ERROR
-from ..results.tables import coordinates
 from ..segments.arithmetic import ARRAYS, evaluate_in
 from ..segments.kernels import Kernels
 from .sweeps import SweepSeries, pack_column

@@ -15,8 +15,8 @@ import numpy as np
 from ..arrays import Array
 from ..errors import printable
 from ..models.model import Model
+from ..results.branch import coordinates
 from ..results.catalogue import SWEEP, check_reading, sweep_cells
-from ..results.tables import coordinates
 
 # Numbers and texts as a page embeds them: compact, exact, and nothing but data.
 

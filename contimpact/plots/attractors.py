@@ -30,7 +30,7 @@ from ..results.ranges import Share, shorten_names
 from ..simulation.attractor import Attractor, Kind
 from ..simulation.basins import Basins
 from ..simulation.energy import attractor_voltages
-from ..simulation.fractions import BasinFractions
+from ..simulation.integrity import BasinFractions
 from ..simulation.manifolds import Manifold
 from ..simulation.run import Run
 from ..simulation.simulator import Simulator

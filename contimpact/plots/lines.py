@@ -11,7 +11,7 @@ import numpy as np
 from ..arrays import Array
 from ..bifurcations.kind import kind_of
 from ..errors import printable, shorten
-from ..results.branch import STATUS, Branch, Entry
+from ..results.branch import STATUS, Branch, Entry, first_unknown
 from ..results.diagram import Diagram
 from ..results.quantities import (
     GREEK,
@@ -23,7 +23,6 @@ from ..results.quantities import (
     parts_of,
     series_of,
 )
-from ..results.tables import first_unknown
 from ..systems.membrane import Membrane
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from ..results.curve import Curve
 from ..results.diagram import Diagram
 from ..simulation.attractor import Attractor
 from ..simulation.basins import Basins
-from ..simulation.fractions import BasinFractions
+from ..simulation.integrity import BasinFractions
 from ..simulation.manifolds import Manifold
 from ..simulation.run import Run
 from ..simulation.simulator import Simulator

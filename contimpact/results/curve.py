@@ -16,7 +16,7 @@ from ..bifurcations.kind import kind_of
 from ..continuation.branch import End
 from ..display import Summary, limit_lines
 from ..schema import attribute, documented
-from .tables import Columns, first_unknown
+from .branch import Columns, first_unknown
 
 # Areas of two parameters in which the same stable orbits end in the same way.
 

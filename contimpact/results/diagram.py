@@ -11,8 +11,7 @@ import numpy as np
 
 from ..display import NotebookResult, Summary, frame, limit_lines
 from ..errors import InputError, short_repr
-from .branch import Branch, Entry
-from .tables import event_by_kind, kinds_of
+from .branch import Branch, Entry, event_by_kind, kinds_of
 
 if TYPE_CHECKING:
     from ..models.model import Model

@@ -20,9 +20,8 @@ from ..orbits.orbit import Orbit
 from ..orbits.physicality import Verdict
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..segments.kernels import Kernels
-from .branch import Branch, Entry, event_of_branch, orbit_of
+from .branch import Branch, Entry, all_parameters, coordinates, event_of_branch, orbit_of
 from .diagram import Diagram
-from .tables import all_parameters, coordinates
 
 DETAILS = ("flight", "wall", "impact", "touch_time", "requested")
 """Details of an event that an entry keeps."""

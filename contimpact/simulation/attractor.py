@@ -17,7 +17,7 @@ from ..errors import InputError
 from ..models.model import Model
 from ..orbits.multipliers import multipliers
 from ..orbits.orbit import Orbit
-from ..results.tables import same_data
+from ..results.branch import same_data
 from ..schema import build_record
 from .run import Run, State
 from .simulator import Simulator

@@ -17,10 +17,9 @@ from ..models.word import Word, is_rotation
 from ..orbits.orbit import Orbit
 from ..orbits.quiet import problem_of
 from ..orbits.search import solve_near
-from ..results.branch import Branch
+from ..results.branch import Branch, columns_of
 from ..results.diagram import Diagram
 from ..results.options import SETTLING, Settling
-from ..results.tables import columns_of
 from ..segments.kernels import Kernels
 from .attractor import OTHER, Attractor, Kind, distances_between
 from .run import Outcome, Run, State

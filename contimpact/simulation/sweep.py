@@ -19,8 +19,8 @@ from ..display import NotebookResult, ParameterItems, Summary, frame, limit_line
 from ..errors import InputError, did_you_mean, explain_arguments, short_repr
 from ..models.model import Model
 from ..progress import Asked, progress_lines
+from ..results.branch import coordinates, same_data
 from ..results.options import SETTLING, Settling
-from ..results.tables import coordinates, same_data
 from ..schema import build_record
 from ..segments.kernels import Kernels
 from .attractor import Attractor, Kind, distances_between

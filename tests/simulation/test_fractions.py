@@ -15,8 +15,8 @@ import contimpact as ci
 from contimpact.cli import main
 from contimpact.errors import InputError
 from contimpact.plots.attractors import plot_fractions, plot_sweep
-from contimpact.simulation import fractions
-from contimpact.simulation.fractions import basin_fractions, join_values, start_box
+from contimpact.simulation import integrity
+from contimpact.simulation.integrity import basin_fractions, join_values, start_box
 from contimpact.simulation.settle import settle_again
 from contimpact.simulation.simulator import Simulator
 from contimpact.simulation.sweep import Simulators, find_attractors, sweep
@@ -64,14 +64,14 @@ def test_twins_are_matched_by_their_orbits():
 
 
 def test_an_interruption_leaves_the_values_counted(monkeypatch):
-    count = fractions._count
+    count = integrity._count
 
     def interrupted(simulator, *given):
         if simulator.model["s"] == 0.36:
             raise KeyboardInterrupt
         return count(simulator, *given)
 
-    monkeypatch.setattr(fractions, "_count", interrupted)
+    monkeypatch.setattr(integrity, "_count", interrupted)
     found = basin_fractions(PAIR, "s", [0.35, 0.36, 0.38], starts=3)
     assert (found.values, found.interrupted) == ([0.35], True)
     with pytest.raises(KeyboardInterrupt):
