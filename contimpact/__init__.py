@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .certificates.certify import certify as certify
     from .continuation.settings import Settings as Settings
-    from .diagrams.codim2_curves import follow_codim2 as follow_codim2
     from .diagrams.crises import find_crises as find_crises
-    from .diagrams.crisis_curves import find_crisis_margin as find_crisis_margin
-    from .diagrams.crisis_curves import follow_crisis as follow_crisis
+    from .diagrams.crises import find_crisis_margin as find_crisis_margin
+    from .diagrams.crises import follow_crisis as follow_crisis
     from .diagrams.crisis_location import locate_crisis as locate_crisis
     from .diagrams.crisis_location import locate_tangencies as locate_tangencies
     from .diagrams.curves import follow_curve as follow_curve
@@ -24,6 +23,7 @@ if TYPE_CHECKING:
     from .diagrams.curves import sensitivity as sensitivity
     from .diagrams.design import design as design
     from .diagrams.explore import follow as follow
+    from .diagrams.map_explorer import follow_codim2 as follow_codim2
     from .diagrams.margins import find_margins as find_margins
     from .diagrams.orbit_branch import continue_born as continue_born
     from .diagrams.orbit_branch import continue_orbit as continue_orbit

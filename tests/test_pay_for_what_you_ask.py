@@ -60,7 +60,6 @@ OWN_HEAVY = (
     "simulation",
     "diagrams.curve_problem",
     "diagrams.curves",
-    "diagrams.codim2_curves",
     "diagrams.map_lines",
     "diagrams.arrangement",
     "diagrams.areas",

@@ -339,7 +339,7 @@ def follow_curve(
         told = (
             chain_callbacks(callback, counting_callback("", second, tell)) if progress else callback
         )
-        found = walk_both_ways(problem, start, ranges, special, values, settings, told)
+        found = walk_curve(problem, start, ranges, special, values, settings, told)
     if isinstance(found, End):
         accepted = "give another entry of the curve"
         raise InputError("entry", f"no curve starts there: {found.message}", accepted)
@@ -351,7 +351,7 @@ def follow_curve(
     return dataclasses.replace(curve, branch=entry.branch)
 
 
-def walk_both_ways(
+def walk_curve(
     problem: CurveProblem,
     start: Array,
     ranges: Sequence[Range],
@@ -647,7 +647,7 @@ def follow_isoline(
     system = Level(problem, function, kept)
     curve = CurveProblem(Isoline(system), system, {}, [limits[0][1] - limits[0][0]])
     special = curve.kind.codimension_two(given.word)
-    found = walk_both_ways(curve, start, limits, special, values, settings, callback)
+    found = walk_curve(curve, start, limits, special, values, settings, callback)
     if isinstance(found, End):
         return found
     notation = given.word.notation(at.letters)

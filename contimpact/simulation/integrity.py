@@ -2,9 +2,9 @@
 
 Basin fractions along a parameter are counted from random starts in a box. Attractors at
 neighbouring values are one motion if the orbit of one, followed to the next value, is the other.
-Where it has ended or become unstable on the way they are if their counts of impacts are: 1:1, 1:1/2T
-and 1:1/C, which follow each other where a period doubles, are one band; of several with the same
-counts the nearest in phase and velocity. Intervals are those of Clopper and Pearson.
+Where it has ended or become unstable on the way they are if their counts of impacts are: 1:1,
+1:1/2T and 1:1/C, which follow each other where a period doubles, are one band; of several with the
+same counts the nearest in phase and velocity. Intervals are those of Clopper and Pearson.
 
 Local integrity is the distance from an orbit to the nearest boundary of its basin, a measure of how
 large a disturbance it survives (Soliman and Thompson, 1989). It is measured among the states before

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from contimpact.bifurcations.codimension_two import double_orbit
-from contimpact.diagrams.codim2_curves import entries_born
 from contimpact.diagrams.curves import follow_curve
+from contimpact.diagrams.map_explorer import entries_born
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits
 from contimpact.results.branch import orbit_of

@@ -11,10 +11,10 @@ import pytest
 from zoo import ROOT, scene
 
 from contimpact.bifurcations.kind import kind_of
-from contimpact.diagrams.codim2_curves import follow_codim2
 from contimpact.diagrams.curve_problem import CurveProblem, double_of
 from contimpact.diagrams.curves import follow_curve
 from contimpact.diagrams.explore import follow
+from contimpact.diagrams.map_explorer import follow_codim2
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.errors import InputError
 from contimpact.models.word import Word

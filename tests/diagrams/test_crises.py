@@ -18,8 +18,13 @@ from zoo import TWO_MASSES, scene
 
 from contimpact.bifurcations.crisis import error_of, solve
 from contimpact.diagrams.connection_paths import entries_of, last_laps, passage_of, sides_of
-from contimpact.diagrams.crises import add_crises, crises_text, find_crises
-from contimpact.diagrams.crisis_curves import find_crisis_margin, follow_crisis
+from contimpact.diagrams.crises import (
+    add_crises,
+    crises_text,
+    find_crises,
+    find_crisis_margin,
+    follow_crisis,
+)
 from contimpact.diagrams.crisis_location import (
     PATIENT,
     Crisis,
