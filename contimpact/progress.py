@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TextIO, TypeVar
 
-from .storage.files import terminal_text
+from .storage import terminal_text
 
 Progress = Callable[[str], None]
 Asked = bool | Progress | None

@@ -44,7 +44,7 @@ from ..results.diagram import Diagram
 from ..results.entry_conversion import details_of
 from ..results.scene import Scene
 from ..segments.kernels import Kernels
-from ..storage.files import finite, write_all
+from ..storage import finite, write_all
 from .reference import Exact, Reference, measure_simulation
 from .shooting import (
     EVALUATIONS,

@@ -18,7 +18,6 @@ from ..continuation.corrector import orient_vector
 from ..continuation.problem import Problem
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
-from .codimension_two import CurvePoint, GrazingCoincides, StopCoincides
 from .declarations import declared
 from .extended_system import (
     ROUNDING,
@@ -34,7 +33,19 @@ from .extended_system import (
     located,
     unfolding_of,
 )
-from .kind import Change, Details, Equations, Kind, Look, Start, System, Values
+from .kind import (
+    Change,
+    CurvePoint,
+    Details,
+    Equations,
+    GrazingCoincides,
+    Kind,
+    Look,
+    Start,
+    StopCoincides,
+    System,
+    Values,
+)
 
 UNFOLDED = 1e-8
 """Size of nu beyond which a curve of branch points has none any more."""

@@ -25,16 +25,6 @@ from ..continuation.problem import Problem
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from ..orbits.quiet import QuietProblem, problem_of
-from .codimension_two import (
-    CurvePoint,
-    CurveStart,
-    CurveTest,
-    GrazingCoincides,
-    Resonance,
-    SecondEigenvector,
-    StopCoincides,
-    double_orbit,
-)
 from .declarations import declared
 from .extended_system import (
     ROUNDING,
@@ -49,7 +39,26 @@ from .extended_system import (
     located,
     null_vectors,
 )
-from .kind import SUB, SUPER, Change, Details, Equations, Kind, Look, Start, System, Values
+from .kind import (
+    SUB,
+    SUPER,
+    Change,
+    CurvePoint,
+    CurveStart,
+    CurveTest,
+    Details,
+    Equations,
+    GrazingCoincides,
+    Kind,
+    Look,
+    Resonance,
+    SecondEigenvector,
+    Start,
+    StopCoincides,
+    System,
+    Values,
+    double_orbit,
+)
 from .scalar_systems import ScalarForm
 
 

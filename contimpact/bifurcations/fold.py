@@ -8,14 +8,6 @@ from ..continuation.branch import Between, Location, TestFunction
 from ..continuation.problem import Problem
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
-from .codimension_two import (
-    CurvePoint,
-    CurveTest,
-    GrazingCoincides,
-    Resonance,
-    SecondEigenvector,
-    StopCoincides,
-)
 from .declarations import declared
 from .extended_system import (
     ExtendedSystem,
@@ -30,7 +22,21 @@ from .extended_system import (
     null_vectors,
     stands_upright,
 )
-from .kind import Change, Details, Equations, Kind, Look, System, Values
+from .kind import (
+    Change,
+    CurvePoint,
+    CurveTest,
+    Details,
+    Equations,
+    GrazingCoincides,
+    Kind,
+    Look,
+    Resonance,
+    SecondEigenvector,
+    StopCoincides,
+    System,
+    Values,
+)
 from .scalar_systems import ScalarForm
 
 

@@ -41,7 +41,6 @@ from ..orbits.problem import Array, Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
 from ..segments.flight import Touch
 from ..segments.segment import ELSEWHERE
-from .codimension_two import CurvePoint, touch_points
 from .declarations import declared
 from .event_solver import LocatedPoint
 from .extended_system import (
@@ -60,6 +59,7 @@ from .kind import (
     SUB,
     SUPER,
     Change,
+    CurvePoint,
     Details,
     Equations,
     Kind,
@@ -71,6 +71,7 @@ from .kind import (
     Window,
     null_vector_start,
     rate_error,
+    touch_points,
 )
 from .scalar_systems import PASSING
 from .sliding import (

@@ -9,10 +9,9 @@ from ..continuation.branch import TestFunction
 from ..errors import InputError
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding_of_setup
-from .codimension_two import GrazingCoincides, StopCoincides
 from .declarations import REQUESTED, declared
 from .extended_system import EPSILON, ExtendedSystem, Orbits, ReachedTest, ScalarTest
-from .kind import Details, Equations, Kind, Look, System, Values
+from .kind import Details, Equations, GrazingCoincides, Kind, Look, StopCoincides, System, Values
 
 PERIOD = "period"
 """Name of the orbit's period where it is free."""

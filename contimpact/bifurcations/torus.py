@@ -14,7 +14,6 @@ from ..continuation.branch import EndKind, Point, TestFunction
 from ..models.word import Word
 from ..orbits.multipliers import neimark_sacker
 from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding
-from .codimension_two import CurvePoint, CurveTest, GrazingCoincides, StopCoincides
 from .declarations import declared
 from .extended_system import (
     ExtendedSystem,
@@ -26,7 +25,19 @@ from .extended_system import (
     rounding_of_length,
     rounding_of_product,
 )
-from .kind import Change, Details, Equations, Kind, Look, System, Values
+from .kind import (
+    Change,
+    CurvePoint,
+    CurveTest,
+    Details,
+    Equations,
+    GrazingCoincides,
+    Kind,
+    Look,
+    StopCoincides,
+    System,
+    Values,
+)
 
 RESONANT = 1e-5
 """How far from the unit circle a double multiplier is seen, known to the root of rounding."""

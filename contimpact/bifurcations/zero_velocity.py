@@ -19,7 +19,6 @@ from ..models.word import Word
 from ..orbits.multipliers import count_unstable
 from ..orbits.physicality import WRONG_WAY, Verdict
 from ..orbits.problem import Array, Linearisation, OrbitProblem
-from .codimension_two import CurvePoint, touch_points
 from .declarations import declared
 from .extended_system import (
     ExtendedSystem,
@@ -30,7 +29,19 @@ from .extended_system import (
     ScalarTest,
     places_of,
 )
-from .kind import Change, Details, Equations, Kind, Look, Start, System, Values, null_vector_start
+from .kind import (
+    Change,
+    CurvePoint,
+    Details,
+    Equations,
+    Kind,
+    Look,
+    Start,
+    System,
+    Values,
+    null_vector_start,
+    touch_points,
+)
 from .scalar_systems import ScalarForm
 from .sliding import (
     ADDING,

@@ -26,7 +26,7 @@ from ..results.scene import Scene, load_scene
 from ..schema import DAMAGE, build_record, record
 from ..segments.balls import INTEGRATED, without_enclosures
 from ..segments.kernels import Kernels
-from ..storage.files import Json, append, json_line, json_text, write_text
+from ..storage import Json, append, json_line, json_text, write_text
 from .branch import BranchCertificate, certify_branch, verify_branch, without_certificate
 from .event import EventCertificate, NoEnclosuresError, certify_entry, verify_entry
 

@@ -19,7 +19,7 @@ from typing import Any, NoReturn, TextIO
 
 from .. import __version__
 from ..errors import InputError, NotWrittenError, each_once
-from ..storage.files import terminal_text
+from ..storage import terminal_text
 
 # A request to end (SIGTERM), as schedulers send it, is taken as Ctrl-C.
 #

@@ -15,12 +15,12 @@ from ..progress import Progress
 from ..results.diagram import Diagram
 from ..results.result_folder import Files, digests_of, manifest_text
 from ..results.scene import Scene
-from ..storage.files import is_there
+from ..storage import is_there
 from . import ENDING
 
 if TYPE_CHECKING:
     from ..models.model import Model
-    from ..results.ranges import Motion
+    from ..results.catalogue import Motion
 
 
 def require_output(options: argparse.Namespace) -> None:

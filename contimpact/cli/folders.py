@@ -15,15 +15,14 @@ from ..errors import InputError, short_repr
 from ..models.model import Model
 from ..progress import Progress, telling
 from ..results.branch import model_at
-from ..results.catalogue import Results, open_results, scene_in
+from ..results.catalogue import Results, open_results, read_fractions, scene_in
 from ..results.diagram import Diagram
 from ..results.diagram_reading import sentence_of
 from ..results.options import FORMATS, CertifyOptions, PlotOptions
-from ..results.ranges import read_fractions
 from ..results.result_folder import hold_folder, kept_still, reading
 from ..results.scene import Scene, load_scene, systems_of
 from ..segments.kernels import Kernels
-from ..storage.files import is_there, write_all
+from ..storage import is_there, write_all
 from . import complain, say
 from .console import motions_in, require_output
 

@@ -23,7 +23,7 @@ from ..results.diagram_reading import read
 from ..results.result_folder import Files, hold_folder, renew_folder
 from ..results.scene import Scene, folder_of, load_scene, require_own_folders, systems_of
 from ..segments.compiling import mode
-from ..storage.files import write_all
+from ..storage import write_all
 from . import complain, say
 from .console import (
     Interruption,

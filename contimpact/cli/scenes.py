@@ -15,7 +15,7 @@ from ..progress import Progress, telling
 from ..results.options import FORMATS, CurveOptions
 from ..results.result_folder import hold_folder
 from ..results.scene import Scene, load_scene, systems_of
-from ..storage.files import write_text
+from ..storage import write_text
 from . import complain, say
 from .console import Interruption, defer_interruptions
 

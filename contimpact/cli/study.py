@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..models.expressions import number
 from ..progress import telling
 from ..segments.compiling import mode
-from ..storage.files import csv_text, write_text
+from ..storage import csv_text, write_text
 from ..studies.executors import Workshop, dask, mpi, processes
 from ..studies.run import Tally, WorkersLostError, duration, run_study
 from ..studies.store import Store

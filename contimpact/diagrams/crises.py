@@ -34,7 +34,7 @@ from ..simulation.attractor import Attractor, Kind
 from ..simulation.basins import orbits_on
 from ..simulation.sweep import Row, Simulators, Sweep, sweep
 from ..simulation.transitions import all_changes, locate
-from ..storage.files import Json, json_text
+from ..storage import Json, json_text
 from .connection_paths import is_physical
 from .crisis_location import (
     CR,

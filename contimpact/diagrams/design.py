@@ -39,7 +39,7 @@ from ..simulation.attractor import Kind as MotionKind
 from ..simulation.integrity import basin_fractions
 from ..simulation.settle import settle
 from ..simulation.simulator import Simulator
-from ..storage.files import csv_text
+from ..storage import csv_text
 from .margins import EventMargin, Margins, Search, updated_hessian
 
 ITERATIONS, SEARCHES = 60, 8

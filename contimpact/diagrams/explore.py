@@ -46,7 +46,7 @@ from .starting_orbits import (
 )
 
 if TYPE_CHECKING:
-    from .settled import Settled
+    from .starting_orbits import Settled
 
 # What a diagram has cost: points, iterations, evaluations.
 
@@ -269,7 +269,7 @@ class _Explorer:
         """Note on which orbits simulations settle that lie on no branch, and what else they do."""
         if self.settled is None:
             return
-        from .settled import word_of
+        from .starting_orbits import word_of
 
         place = f"{self.scene.parameter} = {self.scene.start:.9g}"
         quiet = any(not run.problem.word.walls for run in self.runs)

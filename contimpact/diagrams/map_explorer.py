@@ -13,8 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 import numpy as np
 
 from ..arrays import Array
-from ..bifurcations.codimension_two import CurveStart
-from ..bifurcations.kind import kind_of, test_functions
+from ..bifurcations.kind import CurveStart, kind_of, test_functions
 from ..bifurcations.requested import RequestedValues
 from ..continuation.branch import End, EndKind, Event, Point, TestFunction
 from ..continuation.corrector import correct, first_tangent

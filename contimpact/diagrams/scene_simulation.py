@@ -39,7 +39,7 @@ from ..simulation.transitions import (
     explain_transition,
     transitions_between,
 )
-from ..storage.files import Content, write_all
+from ..storage import Content, write_all
 
 if TYPE_CHECKING:
     from ..results.diagram import Diagram

@@ -20,13 +20,12 @@ from ..errors import InputError, explain_arguments, printable, short_repr
 from ..models.model import Model
 from ..progress import Progress, ignore_progress
 from ..results.branch import Branch, model_at
+from ..results.catalogue import Motion, Share, read_fractions
 from ..results.diagram import Diagram
 from ..results.quantities import NO_WALL, WALLS, WALLS_ON_DARK
-from ..results.ranges import Motion, Share, read_fractions
 from ..results.result_folder import reading
-from ..storage.files import is_there, write, write_all
-from .data import PageView, page_data
-from .sweeps import SweepSeries, read_sweep, script_json
+from ..storage import is_there, write, write_all
+from .data import PageView, SweepSeries, page_data, read_sweep, script_json
 
 NAME = "diagram.html"
 FOLDER = Path(__file__).parent

@@ -24,9 +24,9 @@ from ..errors import InputError, explain_arguments
 from ..models.model import Model
 from ..orbits.orbit import Orbit
 from ..results.branch import Branch
+from ..results.catalogue import Share, shorten_names
 from ..results.diagram import Diagram
 from ..results.quantities import branch_voltages, direction_text
-from ..results.ranges import Share, shorten_names
 from ..simulation.attractor import Attractor, Kind
 from ..simulation.basins import Basins
 from ..simulation.energy import attractor_voltages
@@ -35,7 +35,7 @@ from ..simulation.manifolds import Manifold
 from ..simulation.run import Run
 from ..simulation.simulator import Simulator
 from ..simulation.sweep import Row, Simulators, Sweep, same_attractor
-from ..storage.files import Content, write_all
+from ..storage import Content, write_all
 from ..systems.membrane import Membrane
 from . import diagram as style
 from .lines import (

@@ -25,9 +25,8 @@ from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path as OutlinePath
 
 from ..arrays import Array
-from ..bifurcations.codimension_two import MARKERS
 from ..bifurcations.declarations import CROSSINGS
-from ..bifurcations.kind import kind_of
+from ..bifurcations.kind import MARKERS, kind_of
 from ..errors import InputError, explain_arguments, short_repr
 from ..results.curve import (
     Area,

@@ -31,7 +31,7 @@ from ..results.diagram import Diagram
 from ..results.entry_conversion import to_diagram
 from ..results.quantities import NO_IMPACT, NO_WALL, Quantity, numbers_of
 from ..results.quantities import WALLS as COLOURS
-from ..storage.files import Content, write, write_all
+from ..storage import Content, write, write_all
 from ..systems.membrane import Membrane
 from .labels import CHOICES, choose_events, draw_labels, name_orbits, name_walls, text_width
 from .lines import (

@@ -12,15 +12,7 @@ import numpy as np
 from ..bifurcations.kind import kind_of
 from ..errors import InputError, explain_arguments
 from ..schema import fit_value
-from ..storage.files import (
-    Content,
-    csv_text,
-    json_text,
-    markdown_cell,
-    write,
-    write_all,
-    write_text,
-)
+from ..storage import Content, csv_text, json_text, markdown_cell, write, write_all, write_text
 from .branch import Branch
 from .catalogue import check_reading, entry_of
 from .result_folder import CATALOGUE, WANTED, read_json, reading, sha256

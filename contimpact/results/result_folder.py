@@ -22,7 +22,7 @@ from typing import Any
 from .. import __version__
 from ..errors import InputError, NotWrittenError, short_repr
 from ..segments.compiling import count_loaded, mode, ran_plainly
-from ..storage.files import (
+from ..storage import (
     FOR_ALL,
     LOCK,
     PACKED,

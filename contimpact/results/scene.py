@@ -37,7 +37,7 @@ from ..models.model import Model, require_forcing
 from ..models.outputs import VOLTAGE, Output, check_output
 from ..models.word import Word, parse_word
 from ..schema import Key, Table, fit, key, read, written
-from ..storage.files import check_length, read_bounded, reason
+from ..storage import check_length, read_bounded, reason
 from ..systems import SYSTEMS, system
 from ..systems.membrane import Membrane
 from .options import (

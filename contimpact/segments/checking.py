@@ -16,7 +16,7 @@ from ..errors import InputError, explain_arguments
 from ..models.equations import equations_of
 from ..models.guards import Guard, orders_of
 from ..models.model import Model, Symmetry
-from ..storage.files import logger
+from ..storage import logger
 from .arithmetic import kernel_of
 from .codegen import KernelWriter
 

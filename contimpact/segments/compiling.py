@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..arrays import ENTRY, TABLE
 from ..errors import InputError
-from ..storage.files import (
+from ..storage import (
     cache_folder,
     is_intact,
     load_file,

@@ -22,7 +22,7 @@ import numpy as np
 from ..arrays import Array, Vector
 from ..errors import NotInstalledError
 from ..models.expressions import FUNCTIONS
-from ..storage.files import kept_object
+from ..storage import kept_object
 from ..syntax import parse, parse_expression
 from .track import coefficients_of, sign_changes
 

@@ -19,7 +19,7 @@ from ..errors import InputError
 from ..models.guards import are_parallel, following_letters, orders_of
 from ..models.model import Model
 from ..models.sources import digests
-from ..storage.files import cache_folder, load_file, logger, reason, store_file
+from ..storage import cache_folder, load_file, logger, reason, store_file
 from .arithmetic import Kernel, kernel_of
 from .bounded import bounded_kernel
 from .layout import SECTION, Family, Setup, differences_grow

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ..arrays import tail
-from ..storage.files import temporary_beside
+from ..storage import temporary_beside
 from ..syntax import parse
 from .llvm_ir import intermediate_code
 

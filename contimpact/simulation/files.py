@@ -39,7 +39,7 @@ from ..results.catalogue import (
 from ..results.curve import Curve
 from ..results.diagram import Diagram
 from ..schema import DAMAGE, build_record, fit_value
-from ..storage.files import (
+from ..storage import (
     Json,
     append,
     csv_text,

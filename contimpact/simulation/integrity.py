@@ -31,10 +31,10 @@ from ..models.model import Model
 from ..orbits.orbit import Orbit
 from ..orbits.search import solve_near
 from ..progress import Asked, progress_lines
+from ..results.catalogue import FRACTIONS, Share, shorten_names
 from ..results.options import MOST_FRACTION_STARTS, MOST_ROUNDS, SETTLING, Settling, check_pairs
-from ..results.ranges import FRACTIONS, Share, shorten_names
 from ..segments.kernels import Kernels
-from ..storage.files import csv_text
+from ..storage import csv_text
 from .attractor import OTHER, Attractor, Kind, distances_between
 from .basins import attractor_numbers, is_orbit, parts_of
 from .run import Outcome, OutsideError, State

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, NotWrittenError
-from ..storage.files import csv_text, json_line, reason, temporary_beside
+from ..storage import csv_text, json_line, reason, temporary_beside
 from .study import ROWS, Selection, Study, studies
 
 FORMATS = ("csv", "csv.gz", "json", "parquet")

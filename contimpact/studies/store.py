@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, NotWrittenError, explain_arguments, shorten
-from ..storage.files import hold_lock
+from ..storage import hold_lock
 from .study_file import StudyFile
 
 # The schema of a store, as the steps by which it has grown.

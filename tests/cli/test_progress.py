@@ -368,7 +368,7 @@ def test_an_impatient_user_still_gets_the_manifest(run, scene, tmp_path, monkeyp
 
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
 def test_an_interruption_on_a_full_disk_stops_all_scenes(run, scene, tmp_path, monkeypatch):
-    from contimpact.storage import files
+    from contimpact import storage as files
 
     def full(*_, **__):
         signal.raise_signal(signal.SIGINT)

@@ -19,7 +19,7 @@ from contimpact.errors import InputError
 from contimpact.results.branch import Entry
 from contimpact.results.catalogue import entry_of, load_diagram, read_branch, write_diagram
 from contimpact.schema import build_record
-from contimpact.storage.files import csv_text, json_line, json_text, markdown_cell, unescape_text
+from contimpact.storage import csv_text, json_line, json_text, markdown_cell, unescape_text
 
 ESCAPE = "\x1b]0;title\x07\x1b[31m\x9b\u202e\0"
 

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from contimpact.bifurcations.codimension_two import double_orbit
+from contimpact.bifurcations.kind import double_orbit
 from contimpact.diagrams.curves import follow_curve
 from contimpact.diagrams.map_explorer import entries_born
 from contimpact.diagrams.orbit_branch import continue_orbit

@@ -18,8 +18,8 @@ from contimpact.diagrams.crisis_location import Crisis, locate_crisis
 from contimpact.diagrams.ranges import attractor_ranges, load_ranges
 from contimpact.errors import InputError
 from contimpact.plots.diagram import plot_ranges
+from contimpact.results.catalogue import Share
 from contimpact.results.diagram import Diagram
-from contimpact.results.ranges import Share
 from contimpact.simulation.settle import settle
 from contimpact.simulation.simulator import Simulator
 from contimpact.simulation.sweep import Sweep, sweep

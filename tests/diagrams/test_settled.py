@@ -5,7 +5,7 @@ import pytest
 
 import contimpact as ci
 from contimpact.diagrams.explore import follow
-from contimpact.diagrams.settled import (
+from contimpact.diagrams.starting_orbits import (
     Settled,
     _settle_orbit,
     settled_orbits,

@@ -23,10 +23,9 @@ from PIL import Image
 from zoo import ROOT
 
 from contimpact.diagrams.explore import follow
-from contimpact.page.data import PageView
+from contimpact.page.data import PageView, read_sweep
 from contimpact.page.document import FOLDER, LIBRARY, page_text, view
-from contimpact.page.sweeps import read_sweep
-from contimpact.results.ranges import Bound, Motion, Share
+from contimpact.results.catalogue import Bound, Motion, Share
 from contimpact.results.scene import read_scene
 from contimpact.simulation.files import sweep_text
 from contimpact.simulation.sweep import sweep

@@ -13,13 +13,11 @@ from zoo import ROOT
 
 from contimpact.errors import InputError
 from contimpact.page import data as tracks
-from contimpact.page.data import PageView, page_data
+from contimpact.page.data import PageView, pack_column, page_data, read_sweep, script_json
 from contimpact.page.document import fractions_in
-from contimpact.page.sweeps import pack_column, read_sweep, script_json
 from contimpact.results.branch import Branch
-from contimpact.results.catalogue import load_diagram
+from contimpact.results.catalogue import Bound, Motion, load_diagram
 from contimpact.results.diagram import Diagram
-from contimpact.results.ranges import Bound, Motion
 from contimpact.results.scene import read_scene
 from contimpact.simulation.files import sweep_text
 from contimpact.simulation.sweep import sweep

@@ -32,7 +32,7 @@ from contimpact.results.catalogue import (
 )
 from contimpact.results.diagram import Diagram
 from contimpact.results.result_folder import CATALOGUE, MANIFEST, prepare_folder, read_json
-from contimpact.storage.files import json_text, write_text
+from contimpact.storage import json_text, write_text
 
 SCENE = ROOT / "branches" / "fig7" / "scene.toml"
 

@@ -28,7 +28,7 @@ from contimpact.results.result_folder import (
     renew_folder,
     sha256,
 )
-from contimpact.storage.files import LOCK, hold_lock, temporary_beside, this_process
+from contimpact.storage import LOCK, hold_lock, temporary_beside, this_process
 
 BRANCHES = ROOT / "branches"
 SCENE = f"""{SMALL}[plot]
@@ -352,7 +352,7 @@ def holder(folder):
     """A process that holds the lock of a folder and is killed in the end."""
     code = (
         "import sys, time\nfrom pathlib import Path\n"
-        "from contimpact.storage.files import hold_lock\n"
+        "from contimpact.storage import hold_lock\n"
         "with hold_lock(Path(sys.argv[1])):\n    print('held', flush=True)\n    time.sleep(600)\n"
     )
     with subprocess.Popen([sys.executable, "-c", code, folder], stdout=subprocess.PIPE) as process:
@@ -408,7 +408,7 @@ def test_a_lock_is_given_back(tmp_path):
 @pytest.fixture
 def without_locks(monkeypatch):
     """As on a file system, or a platform, that has no locks on files."""
-    from contimpact.storage import files as locks
+    from contimpact import storage as locks
 
     monkeypatch.setattr(locks, "fcntl", None)
 
@@ -520,7 +520,7 @@ def test_what_can_be_written_is_written(scene, tmp_path, results, limit):
 
 def full_after(monkeypatch, budget):
     """A disk that takes so many more bytes."""
-    from contimpact.storage import files
+    from contimpact import storage as files
 
     original, left = files.put, [budget]
 

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from contimpact import ImpactPair, continue_orbit, find_orbits
+from contimpact import storage as files
 from contimpact.arrays import VECTOR
 from contimpact.bifurcations.kind import test_functions as functions_of
 from contimpact.continuation.branch import EndKind
@@ -27,7 +28,6 @@ from contimpact.orbits.problem import OrbitProblem
 from contimpact.segments import compiling as module
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.machine_code import Program
-from contimpact.storage import files
 from contimpact.systems.soft_stop import SoftStop
 
 EVENTS = ("FB", "BP", "PD", "NS", "G", "V", "T")

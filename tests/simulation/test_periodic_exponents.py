@@ -14,8 +14,7 @@ from exact_flights import exact_flight
 import contimpact as ci
 from contimpact.plots.attractors import plot_exponents
 from contimpact.simulation.attractor import Cycle
-from contimpact.simulation.lyapunov import _without_rounding, exponents_of
-from contimpact.simulation.settle import periodic
+from contimpact.simulation.settle import _without_rounding, exponents_of, periodic
 from contimpact.simulation.simulator import Simulator
 from contimpact.simulation.sweep import Row, Sweep, table_of
 from contimpact.systems.oscillator import Oscillator

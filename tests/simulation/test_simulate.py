@@ -24,8 +24,8 @@ from contimpact.segments.kernels import Kernels
 from contimpact.simulation import one_coordinate
 from contimpact.simulation import run as loops
 from contimpact.simulation import simulator as simulate
-from contimpact.simulation.lyapunov import exponents_of
 from contimpact.simulation.run import Outcome, State, release_after
+from contimpact.simulation.settle import exponents_of
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.duffing import Duffing
 from contimpact.systems.oscillator import Oscillator

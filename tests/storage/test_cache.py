@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from contimpact import storage as files
 from contimpact.segments.kernels import Kernels
-from contimpact.storage import files
 
 posix = pytest.mark.skipif(os.name != "posix", reason="POSIX permissions")
 as_root = pytest.mark.skipif(
@@ -189,7 +189,7 @@ def test_what_a_killed_process_left_in_the_cache_is_removed(folder, pair):
     code = (
         "import os, signal, sys\n"
         "from pathlib import Path\n"
-        "from contimpact.storage.files import temporary_beside\n"
+        "from contimpact.storage import temporary_beside\n"
         "temporary = temporary_beside(Path(sys.argv[1]))\n"
         "temporary.write_text('half')\n"
         "temporary_beside(Path(sys.argv[1])).mkdir()\n"

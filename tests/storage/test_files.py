@@ -12,7 +12,7 @@ import time
 import pytest
 
 from contimpact.errors import InputError, NotWrittenError
-from contimpact.storage.files import (
+from contimpact.storage import (
     ENDED,
     Process,
     append,

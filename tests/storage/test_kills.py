@@ -21,7 +21,7 @@ from contimpact import load_diagram
 from contimpact.cli import main
 from contimpact.errors import InputError
 from contimpact.results.result_folder import MARK, ROWS
-from contimpact.storage.files import LOCK
+from contimpact.storage import LOCK
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="POSIX signals")
 

@@ -9,10 +9,9 @@ import sqlite3
 from concurrent.futures import ThreadPoolExecutor
 
 from contimpact.studies import executors
-from contimpact.studies.run import run_study
+from contimpact.studies.run import compute, run_study
 from contimpact.studies.store import OF_SCENES, Store
 from contimpact.studies.study_file import read_study
-from contimpact.studies.worker import compute
 
 TOML = """
 name = "{name}"

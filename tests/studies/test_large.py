@@ -14,10 +14,10 @@ from small_studies import study_given
 from zoo import ROOT
 
 from contimpact import follow, read_scene
+from contimpact.studies.run import diagram_rows
 from contimpact.studies.store import Store
 from contimpact.studies.study import Study
 from contimpact.studies.study_file import read_study
-from contimpact.studies.worker import diagram_rows
 
 QUERIES = re.search(
     r"```sql\n(.*?)```", (ROOT / "docs" / "studies.md").read_text(encoding="utf-8"), re.DOTALL
@@ -88,7 +88,7 @@ from concurrent.futures import Executor, Future
 from contimpact import read_study, run_study, Store
 from contimpact.studies import run
 from contimpact.studies.executors import given
-from contimpact.studies.worker import diagram_rows
+from contimpact.studies.run import diagram_rows
 from contimpact.studies.store import Outcome
 from contimpact import follow, read_scene
 sys.path.insert(0, sys.argv[1])

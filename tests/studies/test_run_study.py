@@ -23,13 +23,11 @@ from contimpact.diagrams.scene_simulation import simulate
 from contimpact.errors import InputError
 from contimpact.results.catalogue import branch_text, catalogue_text, curve_text
 from contimpact.simulation.energy import attractor_voltages
-from contimpact.studies import executors, run, worker
-from contimpact.studies import worker as budget
-from contimpact.studies.run import WorkersLostError
+from contimpact.studies import executors, run
+from contimpact.studies.run import BudgetError, Task, WorkersLostError, compute
 from contimpact.studies.store import Store, decompress_text
 from contimpact.studies.study import Study
 from contimpact.studies.study_file import read_study
-from contimpact.studies.worker import BudgetError, Task, compute
 
 
 @pytest.fixture
@@ -190,7 +188,7 @@ def test_any_error_is_recorded_with_its_reason_and_can_be_tried_again(
 ):
     path = tmp_path / "s.sqlite"
     with monkeypatch.context() as patch:
-        patch.setattr(worker, "follow", broken_follow)
+        patch.setattr(run, "follow", broken_follow)
         tally, _ = computed(path, study_given(), here)
     assert tally.failed == 4
     assert {r["reason"] for r in contents(path)["failures"]} == {"ZeroDivisionError: by nothing"}
@@ -219,7 +217,7 @@ def task(seconds):
 
 @pytest.mark.skipif(os.name != "posix", reason="a POSIX timer")
 def test_a_scene_that_hangs_is_ended_by_a_timer(monkeypatch):
-    monkeypatch.setattr(worker, "follow", hanging)
+    monkeypatch.setattr(run, "follow", hanging)
     outcome = compute(task(0.1))
     assert outcome.status == "failed"
     assert outcome.rows["failures"] == [
@@ -237,8 +235,8 @@ def swallowing(scene, tell):
 
 @pytest.mark.skipif(os.name != "posix", reason="a POSIX timer")
 def test_the_timer_rings_again_where_it_was_not_heard(monkeypatch):
-    monkeypatch.setattr(budget, "AGAIN", 0.05)
-    monkeypatch.setattr(worker, "follow", swallowing)
+    monkeypatch.setattr(run, "AGAIN", 0.05)
+    monkeypatch.setattr(run, "follow", swallowing)
     assert compute(task(0.1)).rows["failures"][0]["kind"] == "budget"
 
 
@@ -258,7 +256,7 @@ def test_scenes_go_alone_and_with_time_to_compile_until_one_is_done(here, tmp_pa
 
 
 def test_elsewhere_than_in_the_main_thread_it_is_ended_when_it_tells_its_progress(monkeypatch):
-    monkeypatch.setattr(worker, "follow", telling)
+    monkeypatch.setattr(run, "follow", telling)
     with ThreadPoolExecutor(1) as executor:
         outcome = executor.submit(compute, task(0.1)).result()
     assert outcome.rows["failures"][0]["kind"] == "budget"
@@ -270,7 +268,7 @@ def test_an_interrupted_diagram_is_incomplete(monkeypatch):
         diagram.statistics["failure"] = "the computation failed"
         return diagram
 
-    monkeypatch.setattr(worker, "follow", failing)
+    monkeypatch.setattr(run, "follow", failing)
     outcome = compute(task(None))
     assert outcome.status == "incomplete"
     assert outcome.rows["events"]

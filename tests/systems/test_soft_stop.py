@@ -18,8 +18,7 @@ from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
 from contimpact.segments.kernels import Kernels
-from contimpact.simulation.lyapunov import exponents_of
-from contimpact.simulation.settle import settle
+from contimpact.simulation.settle import exponents_of, settle
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.oscillator import Oscillator
 from contimpact.systems.soft_stop import SoftStop

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, TypeAlias, cast
 
-from ..errors import InputError, NotWrittenError, printable
+from .errors import InputError, NotWrittenError, printable
 
 # Which process wrote something, and whether it is still running.
 
