@@ -62,8 +62,8 @@ if TYPE_CHECKING:
     from .results.diagram_reading import stable_intervals as stable_intervals
     from .results.formats import write_auto as write_auto
     from .results.formats import write_mat as write_mat
-    from .results.new_scene import new_scene as new_scene
     from .results.scene import load_scene as load_scene
+    from .results.scene import new_scene as new_scene
     from .results.scene import read_scene as read_scene
     from .segments.checking import check_model as check_model
     from .simulation.basins import Basins as Basins

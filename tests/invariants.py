@@ -11,9 +11,9 @@ from collections import Counter
 import numpy as np
 
 from contimpact.bifurcations.kind import Change, kind_of
-from contimpact.bifurcations.status import places_with_status
 from contimpact.continuation.branch import EndKind, Points
 from contimpact.diagrams import orbit_branch, orbit_walks
+from contimpact.diagrams.orbit_walks import places_with_status
 from contimpact.orbits.multipliers import count_unstable
 from contimpact.orbits.physicality import PHYSICAL
 from contimpact.orbits.problem import Summary, rounding

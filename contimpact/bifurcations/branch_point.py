@@ -18,7 +18,6 @@ from ..continuation.corrector import orient_vector
 from ..continuation.problem import Problem
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
-from .declarations import declared
 from .extended_system import (
     ROUNDING,
     Crossing,
@@ -45,6 +44,7 @@ from .kind import (
     StopCoincides,
     System,
     Values,
+    declared,
 )
 
 UNFOLDED = 1e-8

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, cast
 
@@ -36,15 +36,6 @@ class KindDeclaration(NamedTuple):
     """Whether it has curves in two parameters."""
     second: bool = False
     """Whether its equations need second derivatives."""
-
-
-def declared(**_said: bool | int) -> Callable[[type], type]:
-    """Return the decorator that declares a kind: the fields of `KindDeclaration` from `place` on.
-
-    Declarations are read from the files' texts, and nothing else is done with them. The decorator
-    is the line above the class, which has the kind's name.
-    """
-    return lambda kind: kind
 
 
 _DECLARED = re.compile(r"^@declared(\([^()]*\))\nclass (\w+)\(", re.MULTILINE)

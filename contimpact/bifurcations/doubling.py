@@ -25,7 +25,6 @@ from ..continuation.problem import Problem
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from ..orbits.quiet import QuietProblem, problem_of
-from .declarations import declared
 from .extended_system import (
     ROUNDING,
     ExtendedSystem,
@@ -57,6 +56,7 @@ from .kind import (
     StopCoincides,
     System,
     Values,
+    declared,
     double_orbit,
 )
 from .scalar_systems import ScalarForm

@@ -8,7 +8,6 @@ from ..continuation.branch import Between, Location, TestFunction
 from ..continuation.problem import Problem
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
-from .declarations import declared
 from .extended_system import (
     ExtendedSystem,
     OrbitEvent,
@@ -36,6 +35,7 @@ from .kind import (
     StopCoincides,
     System,
     Values,
+    declared,
 )
 from .scalar_systems import ScalarForm
 

@@ -41,7 +41,6 @@ from ..orbits.problem import Array, Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
 from ..segments.flight import Touch
 from ..segments.segment import ELSEWHERE
-from .declarations import declared
 from .event_solver import LocatedPoint
 from .extended_system import (
     ExtendedSystem,
@@ -69,6 +68,7 @@ from .kind import (
     System,
     Values,
     Window,
+    declared,
     null_vector_start,
     rate_error,
     touch_points,

@@ -319,6 +319,15 @@ class Kind(ABC):
         return []
 
 
+def declared(**_said: bool | int) -> Callable[[type], type]:
+    """Return the decorator that declares a kind: the fields of `KindDeclaration` from `place` on.
+
+    Declarations are read from the files' texts, and nothing else is done with them. The decorator
+    is the line above the class, which has the kind's name.
+    """
+    return lambda kind: kind
+
+
 # Kinds by their names: the package's, and those of a user's own.
 
 

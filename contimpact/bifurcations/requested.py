@@ -9,9 +9,19 @@ from ..continuation.branch import TestFunction
 from ..errors import InputError
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding_of_setup
-from .declarations import REQUESTED, declared
+from .declarations import REQUESTED
 from .extended_system import EPSILON, ExtendedSystem, Orbits, ReachedTest, ScalarTest
-from .kind import Details, Equations, GrazingCoincides, Kind, Look, StopCoincides, System, Values
+from .kind import (
+    Details,
+    Equations,
+    GrazingCoincides,
+    Kind,
+    Look,
+    StopCoincides,
+    System,
+    Values,
+    declared,
+)
 
 PERIOD = "period"
 """Name of the orbit's period where it is free."""

@@ -14,7 +14,6 @@ from ..continuation.branch import EndKind, Point, TestFunction
 from ..models.word import Word
 from ..orbits.multipliers import neimark_sacker
 from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding
-from .declarations import declared
 from .extended_system import (
     ExtendedSystem,
     OrbitEvent,
@@ -37,6 +36,7 @@ from .kind import (
     StopCoincides,
     System,
     Values,
+    declared,
 )
 
 RESONANT = 1e-5

@@ -16,7 +16,6 @@ from ..models.word import Word
 from ..orbits.multipliers import count_unstable
 from ..orbits.physicality import OUT_OF_ORDER, Verdict
 from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding_of_setup
-from .declarations import declared
 from .extended_system import (
     EPSILON,
     ExtendedSystem,
@@ -27,7 +26,18 @@ from .extended_system import (
     ScalarTest,
     places_of,
 )
-from .kind import Change, Details, Equations, Kind, Look, Start, System, Values, null_vector_start
+from .kind import (
+    Change,
+    Details,
+    Equations,
+    Kind,
+    Look,
+    Start,
+    System,
+    Values,
+    declared,
+    null_vector_start,
+)
 from .scalar_systems import ScalarForm
 from .sliding import (
     ADDING,

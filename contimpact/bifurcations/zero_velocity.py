@@ -19,7 +19,6 @@ from ..models.word import Word
 from ..orbits.multipliers import count_unstable
 from ..orbits.physicality import WRONG_WAY, Verdict
 from ..orbits.problem import Array, Linearisation, OrbitProblem
-from .declarations import declared
 from .extended_system import (
     ExtendedSystem,
     OrbitEvent,
@@ -39,6 +38,7 @@ from .kind import (
     Start,
     System,
     Values,
+    declared,
     null_vector_start,
     touch_points,
 )

@@ -22,7 +22,7 @@ from .console import Interruption, defer_interruptions
 
 def new(options: argparse.Namespace) -> int:
     """Print a scene to start from, or the names of all systems; returns the exit status."""
-    from ..results.new_scene import new_scene
+    from ..results.scene import new_scene
     from ..systems import list_systems, summary
 
     if options.kind is not None:

@@ -464,7 +464,7 @@ class Symmetry:
 
 @dataclass(frozen=True)
 class Example:
-    """What a scene to start from asks of a system: see `contimpact.results.new_scene`."""
+    """What a scene to start from asks of a system: see `contimpact.new_scene`."""
 
     values: Mapping[str, float | str]
     follow: tuple[str, float, float]
