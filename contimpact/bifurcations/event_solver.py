@@ -497,7 +497,7 @@ def flights_of(rows: Array, free: int = 1) -> CyclicBlocks:
 def is_scalar(problem: OrbitProblem) -> bool:
     """Whether systems on the orbits of a problem are scalar code: not for more than one degree of
     freedom, free periods, long words, and flights that are no straight-line code."""
-    if problem.m != 2 or problem.autonomous or not 1 <= len(problem.word) <= LONGEST:
+    if not problem.paired or not 1 <= len(problem.word) <= LONGEST:
         return False
     families = {problem.kernels.flight(*kind).family for kind in problem.kinds}
     return not families & {Family.LINEAR, Family.HARMONICS}

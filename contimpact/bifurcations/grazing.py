@@ -592,7 +592,7 @@ def _refusal(event: OrbitEvent, touches: int) -> str:
     guard = problem.model.guard(event.details["wall"])
     if problem.autonomous:
         return "without forcing, an impact leaves no square root"
-    if problem.m != 2:
+    if not problem.paired:
         return f"the return map has {problem.m} dimensions"
     if not guard.rigid:
         return "the wall gives way"

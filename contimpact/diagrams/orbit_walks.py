@@ -470,8 +470,7 @@ def backend_of(
     needs = {need for test in tests if isinstance(test, OrbitTest) for need in test.needs}
     wanted = gaps or "gaps" in needs, "doubling" in needs
     kind: Any = CycleBackend
-    fixed = not problem.autonomous and not problem.lost
-    one = walls and problem.m == 2 and fixed and kernels.passages.anchored
+    one = walls and problem.paired and not problem.lost and kernels.passages.anchored
     if not one or kernels.may_leave_at_once(walls):
         from .chain_backend import MOST_COORDINATES, ChainBackend, SectionBackend
 

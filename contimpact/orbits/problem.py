@@ -499,6 +499,9 @@ class OrbitProblem:
         What solves systems of events on its orbits, by their equations.
     autonomous : bool
         Whether the period is an unknown.
+    paired : bool
+        Whether a time and a velocity for each impact are all that is unknown: `block_cyclic` solves
+        such equations, and `cyclic_chain` any.
     """
 
     autonomous = False
@@ -519,6 +522,7 @@ class OrbitProblem:
         self.model, self.word, self.kernels = model, word, kernels
         self.parameter = kernels.parameter
         self.m = model.unknowns_per_impact
+        self.paired = self.m == 2 and not self.autonomous
         names = list(model.values)
         self._values = list(model.values.values())
         self.free = len(kernels.parameters)

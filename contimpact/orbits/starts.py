@@ -129,7 +129,7 @@ VECTORS = "kinds, arrivals, counts, values, clock, border, step, made, blocks, k
 def compiled_starts(problem: OrbitProblem) -> CompiledProgram | None:
     """Return compiled code for a problem, if there can be some and it is in the cache or pays."""
     kernels, walls = problem.kernels, problem.model.WALLS
-    if mode() == "never" or problem.m != 2 or problem.autonomous:
+    if mode() == "never" or not problem.paired:
         return None
     if any(kernels.linear(wall.name) or kernels.integrated(wall.name) for wall in walls):
         return None
