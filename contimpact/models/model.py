@@ -7,6 +7,7 @@ plain Python; its formulas are SymPy and are asked for only when a kernel has to
 from __future__ import annotations
 
 import copy
+import inspect
 import math
 import numbers
 import re
@@ -335,6 +336,15 @@ class Parameter:
             return f"a number above {self.lower:.6g}, at most {self.upper:.6g}"
         return f"a number from {self.lower:.6g} to {self.upper:.6g}"
 
+    @property
+    def doc(self) -> str:
+        """Its entry in the docstring of a system that lists none itself."""
+        usual = "" if self.default is None else f", default {self.default:g}"
+        unit = f" ({self.unit})" if self.unit else ""
+        finer = f"; or {' and '.join(f'`{name}`' for name in self.split)}" if self.split else ""
+        meaning = f"{self.meaning[:1].upper()}{self.meaning[1:]}"
+        return f"{self.name} : float{usual}\n    {meaning}{unit}: {self.accepted}{finer}."
+
     def check(self, value: Any, where: str) -> float:
         """Return the value, or that of an expression such as ``"pi/6"``, as a float.
 
@@ -531,6 +541,10 @@ class Model(ABC):
     def __init_subclass__(cls, **given: Any) -> None:
         super().__init_subclass__(**given)
         check_class(cls)
+        text = vars(cls).get("__doc__")
+        if text and "Parameters\n" not in text and "PARAMETERS" in vars(cls):
+            listed = "\n".join(parameter.doc for parameter in cls.PARAMETERS)
+            cls.__doc__ = f"{inspect.cleandoc(text)}\n\nParameters\n----------\n{listed}\n"
 
     def __init__(self, /, *unnamed: Never, **given: Any) -> None:
         check_complete(type(self))

@@ -16,19 +16,7 @@ from ..models.model import Example, Formulas, Geometry, Model, Parameter, Wall
 
 
 class BouncingBall(Model):
-    """A ball on a vibrating table; any units that fit each other.
-
-    Parameters
-    ----------
-    a : float
-        Amplitude of the table.
-    omega : float
-        Its frequency.
-    r : float
-        Restitution, from 0 to 1.
-    g : float
-        Gravity.
-    """
+    """A ball on a vibrating table; any units that fit each other."""
 
     SYSTEM = "bouncing-ball"
     WALLS = (Wall("P", side=-1),)

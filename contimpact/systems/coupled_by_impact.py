@@ -15,23 +15,7 @@ from ..models.model import Example, Formulas, Geometry, Model, Parameter, Wall
 
 
 class CoupledByImpact(Model):
-    """Two forced, damped oscillators that hit each other; any units that fit each other.
-
-    Parameters
-    ----------
-    m1, m2 : float
-        Masses.
-    c1, c2, k1, k2 : float
-        Damping and stiffness between each mass and the ground.
-    a1, a2 : float
-        Amplitudes of the forces.
-    omega : float
-        Their frequency.
-    gap : float
-        What the first mass can come nearer to the second than at rest.
-    r : float
-        Restitution, from 0 to 1.
-    """
+    """Two forced, damped oscillators that hit each other; any units that fit each other."""
 
     SYSTEM = "coupled-by-impact"
     WALLS = (Wall("K", side=+1, coordinate=(1, -1)),)

@@ -15,24 +15,9 @@ from ..models.model import Example, Formulas, Geometry, Model, Parameter, Wall
 
 
 class Duffing(Model):
-    """A forced, damped Duffing oscillator against a stop; any units that fit each other.
+    """A forced, damped Duffing oscillator of unit mass against a stop; any units that fit.
 
     Its flights are integrated, which takes the extra ``ode``.
-
-    Parameters
-    ----------
-    a : float
-        Forcing amplitude per unit mass.
-    omega : float
-        Forcing frequency.
-    c : float
-        Damping per unit mass.
-    alpha, beta : float
-        Linear and cubic stiffness per unit mass.
-    sigma : float
-        Position of the stop.
-    r : float
-        Restitution, from 0 to 1.
     """
 
     SYSTEM = "duffing"

@@ -18,20 +18,8 @@ from ..models.model import Example, Formulas, Geometry, Model, Parameter, Symmet
 class ImpactDamper(Model):
     """An oscillator with an impact damper, in units of its frequency and of the static deflection.
 
-    The coordinates are those of the oscillator, x, and of the ball in the container, y.
-
-    Parameters
-    ----------
-    Omega : float
-        Forcing frequency.
-    d : float
-        Clearance.
-    r : float
-        Restitution, from 0 to 1.
-    mu : float
-        Ball's mass by the oscillator's.
-    zeta : float
-        Damping ratio.
+    The coordinates are those of the oscillator, x, and of the ball in the container, y; the mass
+    ratio is that of the ball to the oscillator.
     """
 
     SYSTEM = "impact-damper"

@@ -14,23 +14,7 @@ from ..models.model import Example, Formulas, Geometry, Model, Parameter, Wall
 
 
 class Oscillator(Model):
-    """A forced, damped linear oscillator against a stop; any units that fit each other.
-
-    Parameters
-    ----------
-    a : float
-        Forcing amplitude per unit mass.
-    omega : float
-        Forcing frequency.
-    c : float
-        Damping per unit mass: below, at or above critical, or negative.
-    k : float
-        Stiffness per unit mass.
-    sigma : float
-        Position of the stop.
-    r : float
-        Restitution, from 0 to 1.
-    """
+    """A forced, damped linear oscillator of unit mass against a stop; any units that fit."""
 
     SYSTEM = "oscillator"
     WALLS = (Wall("S", side=+1),)

@@ -13,22 +13,9 @@ from ..models.model import Example, Formulas, Geometry, Model, Parameter, Wall
 
 
 class Pendulum(Model):
-    """A driven, damped pendulum against a stop; angles in radians.
+    """A driven, damped pendulum against a stop; angles in radians: pi is upright.
 
     Its flights are integrated, which takes the extra ``ode``.
-
-    Parameters
-    ----------
-    a : float
-        Amplitude of the driving torque, by that of gravity at x = pi/2.
-    omega : float
-        Its frequency.
-    c : float
-        Damping.
-    sigma : float
-        Angle of the stop; pi is upright, and turns are counted.
-    r : float
-        Restitution, from 0 to 1.
     """
 
     SYSTEM = "pendulum"

@@ -17,21 +17,9 @@ from ..models.model import Example, Formulas, Geometry, Guard, Mode, Model, Para
 
 
 class SoftStop(Model):
-    """A forced, damped linear oscillator against a soft stop; any units that fit each other.
+    """A forced, damped linear oscillator of unit mass against a soft stop; any units that fit.
 
-    Parameters
-    ----------
-    a : float
-        Forcing amplitude per unit mass.
-    omega : float
-        Forcing frequency.
-    c, k : float
-        Damping and stiffness per unit mass, in flight.
-    e : float
-        Position of the stop.
-    k_b, c_b : float
-        Stiffness and damping of the stop per unit mass, at least zero; in contact they come
-        besides those in flight.
+    In contact stiffness and damping of the stop come besides those in flight.
     """
 
     SYSTEM = "soft-stop"

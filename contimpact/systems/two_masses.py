@@ -17,23 +17,7 @@ from ..models.model import Example, Formulas, Geometry, Model, Parameter, Wall
 
 
 class TwoMasses(Model):
-    """Two forced, damped masses, coupled by a spring, with a stop each; units that fit each other.
-
-    Parameters
-    ----------
-    m1, m2 : float
-        Masses.
-    c1, c2, k1, k2 : float
-        Damping and stiffness between the first mass and the ground, and between the masses.
-    a1, a2 : float
-        Amplitudes of the forces.
-    omega : float
-        Their frequency.
-    sigma_1, sigma_2 : float
-        Positions of the stops.
-    r : float
-        Restitution, from 0 to 1; or `r_A` and `r_B`.
-    """
+    """Two forced, damped masses, coupled by a spring, with a stop each; any units that fit."""
 
     SYSTEM = "two-masses"
     WALLS = (Wall("A", side=+1, coordinate=0), Wall("B", side=+1, coordinate=1))

@@ -13,20 +13,9 @@ from ..models.model import Example, Formulas, Geometry, Model, Parameter, Symmet
 
 
 class TwoStops(Model):
-    """A forced, damped linear oscillator between stops; any units that fit each other.
+    """A forced, damped linear oscillator of unit mass between stops; any units that fit each other.
 
-    Parameters
-    ----------
-    a, b : float
-        Forcing amplitude and constant force, per unit mass.
-    omega : float
-        Forcing frequency.
-    c, k : float
-        Damping and stiffness per unit mass; k may be zero.
-    sigma : float
-        Distance of either stop from zero; or `sigma_R` and `sigma_L`.
-    r : float
-        Restitution, from 0 to 1; or `r_R` and `r_L`.
+    The stops are at sigma_R and -sigma_L; the stiffness may be zero.
     """
 
     SYSTEM = "two-stops"

@@ -18,15 +18,6 @@ class VanDerPol(Model):
     """Van der Pol's oscillator against a stop, in units of its frequency.
 
     Its flights are integrated, which takes the extra ``ode``.
-
-    Parameters
-    ----------
-    epsilon : float
-        How strongly small oscillations grow and large ones decay.
-    sigma : float
-        Position of the stop.
-    r : float
-        Restitution, from 0 to 1.
     """
 
     SYSTEM = "van-der-pol"
