@@ -44,7 +44,7 @@ from .flights import (
     until_repeated,
     windows,
 )
-from .linear_flights import Law, LinearRuns, Setting
+from .linear_flights import Law, LinearRuns
 from .run import (
     CALM,
     EARLY,
@@ -56,6 +56,7 @@ from .run import (
     OutsideError,
     PassageRule,
     Runs,
+    Setting,
     State,
     columns_of,
     join_all,

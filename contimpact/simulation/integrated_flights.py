@@ -20,13 +20,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..arrays import INTEGERS, TABLE, VECTOR, Array, Table, Vector
-from ..models.guards import orders_of, pivot
+from ..models.guards import orders_of
 from ..segments.arithmetic import Kernel
 from ..segments.flight import first_hit
 from ..segments.integration import statement
 from ..segments.kernels import Kernels
 from ..segments.oscillation import MOST, ROW, FollowedFlight, motion_of_gap, row_of, row_of_compiled
-from ..segments.segment import ELSEWHERE
 from ..segments.taylor import departure_kernel, field_of, has_series, path_by_series
 from .flights import FIRST, LEAST, NUDGE
 from .run import (
@@ -38,12 +37,12 @@ from .run import (
     NO_IMPACT,
     Engine,
     Runs,
+    Setting,
     accumulates,
     first_reached,
     formulas,
     glue_entry,
     is_beyond,
-    nearest_guard,
     row_value,
     section_place,
 )
@@ -279,9 +278,6 @@ def _padded(rows: Sequence[tuple[float, ...]], n: int) -> list[float]:
     return found + [0.0] * (len(rows) * len(rows[0]) - len(found))
 
 
-_ENGINES: dict[tuple[str, ...], Engine] = {}
-
-
 class IntegratedRuns(Runs):
     """Compiled runs of a system of which `has_compiled_flights`, at a forcing's period; a flight is
     given up after `longest` of them."""
@@ -298,47 +294,29 @@ class IntegratedRuns(Runs):
         period: float,
         longest: int,
     ) -> None:
-        model, passages = kernels.model, kernels.passages
-        guards, d = model.WALLS, model.DEGREES_OF_FREEDOM
+        guards, d = kernels.model.WALLS, kernels.model.DEGREES_OF_FREEDOM
         own = [kernels.field(guard.name) for guard in guards]
-        after = [(guard.next_mode, field_of(k)) for guard, k in zip(guards, own, strict=True)]
-        modes = list(dict.fromkeys(after))
-        law, fields = [modes.index(mode) for mode in after], [field for _, field in modes]
-        factors = [tuple(map(float, guard.row(d))) for guard in guards]
-        gaps = list(dict.fromkeys(factors))
-        units = [tuple(float(i == j) for j in range(d)) for i in range(d)]
-        rows = list(dict.fromkeys([*gaps, *units]))
-        sides = [guard.side for guard in guards]
+        given = Setting(
+            [tuple(map(float, guard.row(d))) for guard in guards],
+            [guard.side for guard in guards],
+            positions,
+            restitution,
+            kernels.passages,
+            [(guard.next_mode, field_of(k)) for guard, k in zip(guards, own, strict=True)],
+            values,
+            period,
+            longest,
+        )
+        common, rows = given.fields(2 * d), given.all_rows
+        law, fields = common["law"], [field for _, field in dict.fromkeys(given.laws)]
         sizes = [statement(field).freedom for field in fields]
-
-        def nearest(side: int) -> list[int]:
-            return [
-                nearest_guard(passages.watched[law.index(k)], factors, sides, positions, row, side)
-                for k in range(len(modes))
-                for row in gaps
-            ]
-
         self.flights = IntegratedFlights(
-            values=list(values),
-            clock=[period],
-            sizes=[d, 2 * d, len(gaps), len(rows), longest],
-            factors=[c for row in rows for c in row],
-            unit=[rows.index(unit) for unit in units],
-            below=nearest(-1),
-            above=nearest(+1),
-            law=law,
-            row=[rows.index(row) for row in factors],
-            pivot=[pivot(row) for row in factors],
-            sides=sides,
-            positions=list(positions),
-            leaving=[int(side) for side in passages.leaving],
-            stays=[int(passages.arrivals[k][k] != ELSEWHERE) for k in range(len(guards))],
-            restitution=list(restitution),
+            **common,
             slow=list(slow),
             freedom=sizes,
             weights=[c for n in sizes for c in _padded(rows, n)],
             begins=[
-                int(other in passages.beginning(k))
+                int(other in kernels.passages.beginning(k))
                 for k in range(len(guards))
                 for other in range(len(guards))
             ],
@@ -349,7 +327,7 @@ class IntegratedRuns(Runs):
         self.series = max(path_by_series(field).space for field in fields)
         identity = ("simulate integrated flights", str(law), *formulas(own))
         build = functools.partial(program_of, own, fields, law, self.size)
-        self.engine = _ENGINES.setdefault(identity, Engine(identity, ARGUMENTS, build))
+        self.engine = Engine.of(identity, ARGUMENTS, build)
 
     def room(self) -> list[Array]:
         d, rows = self.flights.sizes[0], self.rows

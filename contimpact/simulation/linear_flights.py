@@ -27,12 +27,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..arrays import INTEGERS, VECTOR, Array, Vector
-from ..models.guards import pivot
 from ..segments.arithmetic import Kernel
 from ..segments.compiling import timed_plainly
 from ..segments.flight import hit_between
 from ..segments.linear_flow import Shape, generator_of, mean_of, scales_of
-from ..segments.segment import ELSEWHERE, Passages
 from ..segments.track import turns_of
 from .flights import REPEATED
 from .run import (
@@ -44,13 +42,13 @@ from .run import (
     NO_IMPACT,
     Engine,
     Runs,
+    Setting,
     accumulates,
     first_reached,
     formulas,
     glue_entry,
     is_beyond,
     make_flights,
-    nearest_guard,
     row_value,
     section_place,
 )
@@ -449,71 +447,22 @@ def program_of(kernels: Sequence[Kernel], leaving: str) -> Program:
     return program
 
 
-_ENGINES: dict[tuple[str, ...], Engine] = {}
-
-
-def engine_of(kernels: Sequence[Kernel], leaving: str) -> Engine:
-    """Return the engine for these laws; simulators of the same formulas share it."""
-    identity = ("simulate linear flights", leaving, *formulas(kernels))
-    build = functools.partial(program_of, kernels, leaving)
-    return _ENGINES.setdefault(identity, Engine(identity, ARGUMENTS, build))
-
-
-class Setting(NamedTuple):
-    """What a system's vectors are made of."""
-
-    rows: Sequence[tuple[float, ...]]
-    """The gap coordinate of each guard."""
-    sides: Sequence[int]
-    positions: Sequence[float]
-    restitution: Sequence[float]
-    passages: Passages
-    laws: Sequence[Law]
-    """`sides`, `positions`, `restitution`, `laws`: of each guard, and of the flight after it."""
-    values: Sequence[float]
-    period: float
-    longest: int
-
-
 def flights_of(given: Setting) -> Flights:
-    """Return a system as vectors, as lists.
+    """Return a system as vectors, as lists; its laws are of the kind `Law`.
 
     Raises OverflowError for laws beyond the range of floats, or motions that turn too often.
     """
-    laws = list(dict.fromkeys(given.laws))
-    d, width = laws[0].shape.freedom, max(law.shape.size for law in laws)
-    gaps = list(dict.fromkeys(given.rows))
-    units = [tuple(float(i == j) for j in range(d)) for i in range(d)]
-    rows = list(dict.fromkeys([*gaps, *units]))
-    made = [tables_of(law, np.array(rows), given.period, width) for law in laws]
-    walls = range(len(given.rows))
-
-    def nearest(law: Law, row: tuple[float, ...], side: int) -> int:
-        watched = given.passages.watched[given.laws.index(law)]
-        return nearest_guard(watched, given.rows, given.sides, given.positions, row, side)
-
-    passages = given.passages
+    laws: list[Law] = list(dict.fromkeys(given.laws))
+    width = max(law.shape.size for law in laws)
+    rows = np.array(given.all_rows)
+    made = [tables_of(law, rows, given.period, width) for law in laws]
     return Flights(
-        values=list(given.values),
-        clock=[given.period],
-        sizes=[d, width, len(gaps), len(rows), given.longest],
-        factors=[c for row in rows for c in row],
-        unit=[rows.index(unit) for unit in units],
+        **given.fields(width),
         width=[law.shape.size for law in laws],
         count=[count for count, _, _ in made],
         piece=[given.period / count for count, _, _ in made],
         tables=np.array([table for _, table, _ in made]).ravel().tolist(),
         steps=np.array([steps for _, _, steps in made]).ravel().tolist(),
-        below=[nearest(law, row, -1) for law in laws for row in gaps],
-        above=[nearest(law, row, +1) for law in laws for row in gaps],
-        law=[laws.index(law) for law in given.laws],
-        row=[rows.index(row) for row in given.rows],
-        pivot=[pivot(row) for row in given.rows],
-        sides=list(given.sides),
-        positions=list(given.positions),
-        leaving=[int(side) for side in passages.leaving],
-        stays=[int(passages.arrivals[k][k] != ELSEWHERE) for k in walls],
-        restitution=list(given.restitution),
     )
 
 
@@ -531,7 +480,9 @@ class LinearRuns(Runs):
         width = self.flights.sizes[1]
         text = leaving_text(given.laws, len(given.values), 3 * width)
         self.leave = leaving(kernels, 3 * width)
-        self.engine = engine_of(kernels, text)
+        identity = ("simulate linear flights", text, *formulas(kernels))
+        build = functools.partial(program_of, kernels, text)
+        self.engine = Engine.of(identity, ARGUMENTS, build)
 
     def room(self) -> list[Array]:
         return [np.zeros(space_of(self.flights))]

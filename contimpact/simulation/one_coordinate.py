@@ -83,14 +83,12 @@ def entry(
     return made
 """
 
-_ENGINES: dict[tuple[str, ...], Engine] = {}
-
 
 def engine_of(motions: Sequence[Kernel]) -> Engine:
     """Return the engine for these motions; simulators of the same formulas share it."""
     identity = ("simulate", *formulas(motions))
     build = functools.partial(program_of, motions)
-    return _ENGINES.setdefault(identity, Engine(identity, ARGUMENTS, build))
+    return Engine.of(identity, ARGUMENTS, build)
 
 
 def program_of(motions: Sequence[Kernel]) -> Program:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 import functools
+import itertools
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -15,11 +16,12 @@ import numpy as np
 from ..arrays import INTEGERS, VECTOR, Array, Vector
 from ..display import NotebookResult, ParameterItems, Summary, frame, limit_lines
 from ..errors import InputError
-from ..models.guards import slides_at
+from ..models.guards import pivot, slides_at
 from ..models.model import Model
 from ..segments.arithmetic import Kernel
 from ..segments.compiling import CompiledProgram, load, mode
 from ..segments.kernels import Kernels
+from ..segments.segment import ELSEWHERE, Passages
 from ..segments.touches import margin
 
 if TYPE_CHECKING:
@@ -674,6 +676,11 @@ class Engine:
         self.found: CompiledProgram | None = None
         self.plain = 0
 
+    @classmethod
+    def of(cls, identity: tuple[str, ...], arguments: str, build: Callable[[], Program]) -> Engine:
+        """Return the engine of an identity: simulators of the same formulas share it."""
+        return _ENGINES.setdefault(identity, cls(identity, arguments, build))
+
     def program(self, asked: int) -> CompiledProgram | None:
         """Return the compiled program if there is one and so many impacts are worth loading it."""
         chosen = mode()
@@ -683,6 +690,9 @@ class Engine:
             self.plain = 0
             self.found = load(self.identity, self.arguments, self.build)
         return self.found
+
+
+_ENGINES: dict[tuple[str, ...], Engine] = {}
 
 
 def formulas(motions: Sequence[Kernel]) -> tuple[str, ...]:
@@ -721,19 +731,65 @@ def glue_entry(program: Program, kind: type) -> None:
     program.glue(text, make_flights=make_flights)
 
 
-def nearest_guard(
-    watched: Sequence[bool],
-    rows: Sequence[tuple[float, ...]],
-    sides: Sequence[int],
-    positions: Sequence[float],
-    row: tuple[float, ...],
-    side: int,
-) -> int:
-    """Return the nearest guard on a side of a gap coordinate, of those that a flight can meet; -1
-    for none."""
-    places = range(len(rows))
-    there = (k for k in places if watched[k] and rows[k] == row and sides[k] == side)
-    return min(there, key=lambda k: (side * positions[k], k), default=-1)
+class Setting(NamedTuple):
+    """What a system's vectors are made of."""
+
+    rows: Sequence[tuple[float, ...]]
+    """The gap coordinate of each guard."""
+    sides: Sequence[int]
+    positions: Sequence[float]
+    restitution: Sequence[float]
+    passages: Passages
+    laws: Sequence[Any]
+    """`sides`, `positions`, `restitution`, `laws`: of each guard, and of the flight after it."""
+    values: Sequence[float]
+    period: float
+    longest: int
+
+    @property
+    def units(self) -> list[tuple[float, ...]]:
+        """The rows of the coordinates themselves."""
+        size = len(self.rows[0])
+        return [tuple(float(i == j) for j in range(size)) for i in range(size)]
+
+    @property
+    def all_rows(self) -> list[tuple[float, ...]]:
+        """Each gap coordinate once, and behind them the coordinates themselves."""
+        return list(dict.fromkeys([*self.rows, *self.units]))
+
+    def fields(self, width: int) -> dict[str, Any]:
+        """Return the vectors of any kind of flights, by name; X has a width at most."""
+        laws, gaps, rows = (list(dict.fromkeys(x)) for x in (self.laws, self.rows, self.all_rows))
+        passages, walls = self.passages, range(len(self.rows))
+
+        def nearest(side: int) -> list[int]:
+            """The nearest guard on a side of each law's gap coordinates, of those that a flight can
+            meet; -1 for none."""
+            found = []
+            for law, row in itertools.product(laws, gaps):
+                watched = passages.watched[self.laws.index(law)]
+                there = [k for k in walls if watched[k] and self.rows[k] == row]
+                there = [k for k in there if self.sides[k] == side]
+                found.append(min(there, key=lambda k: (side * self.positions[k], k), default=-1))
+            return found
+
+        return {
+            "values": list(self.values),
+            "clock": [self.period],
+            "sizes": [len(self.units), width, len(gaps), len(rows), self.longest],
+            "factors": [c for row in rows for c in row],
+            "unit": [rows.index(unit) for unit in self.units],
+            "below": nearest(-1),
+            "above": nearest(+1),
+            "law": [laws.index(law) for law in self.laws],
+            "row": [rows.index(row) for row in self.rows],
+            "pivot": [pivot(row) for row in self.rows],
+            "sides": list(self.sides),
+            "positions": list(self.positions),
+            "leaving": [int(side) for side in passages.leaving],
+            "stays": [int(passages.arrivals[k][k] != ELSEWHERE) for k in walls],
+            "restitution": list(self.restitution),
+        }
 
 
 class Runs(ABC):

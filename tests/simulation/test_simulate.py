@@ -714,7 +714,7 @@ def test_the_program_holds_all_it_calls(pair, simulator_of):
 def looked_for(monkeypatch):
     """How often compiled code is looked for; there is none."""
     calls = []
-    monkeypatch.setattr(one_coordinate, "_ENGINES", {})
+    monkeypatch.setattr(loops, "_ENGINES", {})
     monkeypatch.setattr(compiling, "_SPENT", defaultdict(float))
     monkeypatch.setattr(loops, "load", lambda *given: calls.append(given) and None)
     return calls
@@ -748,5 +748,5 @@ def test_many_short_runs_are_worth_it_too(pair, kernels_of, looked_for, monkeypa
         simulator = Simulator(model, Kernels(model, "As"[i % 2]))
         for _ in range(5):
             simulator.run(State(0, 0.14, 0.686), impacts=9)
-    assert len(one_coordinate._ENGINES) == 1
+    assert len(loops._ENGINES) == 1
     assert len(looked_for) == 2
