@@ -697,14 +697,8 @@ MOST_KEPT = 256
 def kept_object(kind: str, identity: Sequence[str], build: Callable[[], Any]) -> Any:
     """Return an object that holds machine code: from the cache, or built and stored there.
 
-    Parameters
-    ----------
-    kind : str
-        What it is, the beginning of its file's name.
-    identity : sequence of str
-        What it depends on besides the processor.
-    build : callable
-        Makes it; the object can be pickled.
+    The kind is the beginning of its file's name, the identity what it depends on besides the
+    processor; what `build` makes can be pickled.
     """
     import pickle
     import zlib

@@ -51,21 +51,11 @@ OrbitEvent: TypeAlias = Event[Linearisation]
 class Orbits(Protocol):
     """P orbits on a branch, a row each; what is costly is computed when it is asked for.
 
-    Attributes
-    ----------
-    unknowns, tangents : ndarray of shape (P, n + 1)
-    orientations : ndarray of shape (P,)
-    spans : ndarray of shape (P,)
-        The orbits' periods.
-    doubling : ndarray of shape (P,)
-    products : ndarray of shape (P, pairs)
-        See `contimpact.orbits.multipliers.Stability`.
-    gaps : ndarray of shape (P, N, W)
-        The smallest interior gap of each flight to each wall, NaN if there is none.
-    slowest : ndarray of shape (P, N)
-        See `contimpact.segments.flight.excursions`.
-    derived : ndarray of shape (P, D)
-        Derived parameters.
+    `unknowns` and `tangents` are of shape (P, n + 1), `orientations`, `doubling` and `spans`, the
+    orbits' periods, (P,), and `products` (P, pairs); see `contimpact.orbits.multipliers.Stability`.
+    `gaps`, the smallest interior gap of each flight to each wall, NaN if there is none, are
+    (P, N, W), `slowest` (P, N), as of `contimpact.segments.flight.excursions`, and `derived`
+    parameters (P, D).
     """
 
     @property

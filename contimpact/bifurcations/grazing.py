@@ -662,15 +662,9 @@ def predict(
 
 
 def windows(trace: float, determinant: float, away: bool) -> list[tuple[int, tuple[float, float]]]:
-    r"""Return where orbits with one impact in n cycles are stable in a normal form.
+    r"""Return where orbits with one impact in n cycles are stable in a normal form: each n, and the
+    range of epsilon over the square of kappa.
 
-    Returns
-    -------
-    list of (int, (float, float))
-        n, and the range of epsilon over the square of kappa.
-
-    Notes
-    -----
     With s the sign of kappa, w the root of the impact's depth over kappa, T_n the trace of A^n and
     D_n = 1 - T_n + delta^n, the orbit has
 

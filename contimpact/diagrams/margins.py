@@ -520,25 +520,14 @@ def nearest_point(
     near: float = np.inf,
     is_near: Callable[[Array], bool] = lambda unknowns: True,
 ) -> tuple[Any, Array, Any] | None:
-    """Return where equations hold nearest to parameters: the point, own unknowns, the equations.
+    """Return where equations hold nearest to parameters: the point, own unknowns, the equations;
+    None if the search does not settle.
 
-    Parameters
-    ----------
-    problem : OrbitProblem or Connection
-        With ``n`` unknowns and then ``free`` parameters.
-    assemble : callable
-        Gives the residual and the Jacobian at a point, such as `here`, and the own unknowns.
-    center, units : ndarray of shape (free,)
-        The parameters, and what changes of them count as one.
-    near : float
-        How far off the equations may be at first, to first order.
-    is_near : callable
-        Whether unknowns are still those that are sought.
-
-    Returns
-    -------
-    tuple or None
-        None if the search does not settle.
+    The problem, an `OrbitProblem` or a `Connection`, has ``n`` unknowns and then ``free``
+    parameters; `assemble` gives the residual and the Jacobian at a point, such as `here`, and the
+    own unknowns. `center` are the parameters and `units` what changes of them count as one. `near`
+    is how far off the equations may be at first, to first order, and `is_near` says whether
+    unknowns are still those that are sought.
     """
     n, free = problem.n, problem.free
     hessian = np.eye(free)

@@ -154,15 +154,8 @@ class Motion:
 
     A law of first order is that of second order :math:`\ddot x_i = \dot f_i` which begins with
     :math:`\dot x_i = f_i`. Flights are in closed form where all laws are linear with constant
-    factors under harmonic forcing, otherwise integrated.
-
-    Parameters
-    ----------
-    laws : callable ``(t, x, v) -> [f_0, f_1, ...]``
-        Of the velocities it is given those of the coordinates of second order.
-    orders : sequence of int
-        1 or 2 for each coordinate.
-    period : sympy.Expr
+    factors under harmonic forcing, otherwise integrated. ``laws(t, x, v)`` gives all f_i, of the
+    velocities of the coordinates of second order; `orders` has 1 or 2 for each coordinate.
     """
 
     def __init__(self, laws: Laws, orders: Sequence[int], period: Any) -> None:

@@ -107,22 +107,12 @@ def parse_word(
     graph: Mapping[str, str] | None = None,
     free: bool = False,
 ) -> Word:
-    """Read an orbit's name.
+    """Read an orbit's name: ``n:m``, ``n:m/pT``, a word, or a word and its period; ``0`` or
+    ``0/pT`` without impacts.
 
-    Raises InputError if it is not the name of an orbit between these walls.
-
-    Parameters
-    ----------
-    text : str
-        ``n:m``, ``n:m/pT``, a word, or a word and its period; ``0`` or ``0/pT`` without impacts.
-    letters : sequence of str
-        The model's walls, in its order.
-    where : str
-        The place named in an error.
-    graph : mapping of str to str, optional
-        The letters that can follow each; every letter unless given.
-    free : bool
-        Whether the period is free: words then have no period in units of T.
+    The letters are the model's walls, in its order, and the graph has those that can follow each;
+    every letter unless given. Words of a `free` period have none in units of T. Raises InputError,
+    which names the place `where`, if it is not the name of an orbit between these walls.
     """
     counts = ":".join("nmkl"[: len(letters)])
     example = "".join(letters)

@@ -73,28 +73,13 @@ def assemble(
     fixed: Table,
     z: Vector,
 ) -> float:
-    """Evaluate every flight of a cycle at the unknowns z; returns the largest residual.
+    """Evaluate every flight of a cycle at the unknowns z = (t_1, v_1, ..., t_N, v_N, lambda).
 
-    Parameters
-    ----------
-    flight : callable ``flight(kind, t0, v0, t1, v1, values)``
-        The `segments.layout.Blocks` of one flight.
-    setup : callable ``setup(values)``
-        The `segments.layout.Setup` of the model.
-    kinds : vector of int
-        Kind of each flight.
-    periods, place : int
-        Forcing periods of the orbit, and the place of the free parameter among the values.
-    values : vector
-        Parameter values; the free one is set from z.
-    blocks : table
-        Filled with a row per flight.
-    clock : vector
-        Filled with the orbit's period and its derivative by the free parameter.
-    fixed : table
-        Filled with a row: the forcing period, positions of the walls, derived parameters.
-    z : vector
-        t_1, v_1, ..., t_N, v_N, lambda.
+    ``flight(kind, t0, v0, t1, v1, values)`` gives the `segments.layout.Blocks` of one flight,
+    ``setup(values)`` the `segments.layout.Setup`; the free parameter has a `place` among the values
+    and is set from z. Filled in are `blocks`, a row per flight; `clock`, the orbit's period and its
+    derivative by the free parameter; and in `fixed` the forcing period, positions of the walls and
+    derived parameters. Returns the largest residual.
     """
     last = len(kinds) - 1
     values[place] = z[2 * last + 2]
@@ -131,33 +116,16 @@ def notice_growth(blocks: Table, count: int, m: int, timed: bool, clock: Vector)
 def eliminate(
     blocks: Table, arrivals: Vector, kept: Table, right: float, exact: bool, z: Vector, span: float
 ) -> Reduced:
-    """Eliminate impacts 2 to N.
+    """Eliminate impacts 2 to N; `kept` is filled with a row for each, from row 1.
 
-    Parameters
-    ----------
-    blocks : table
-        The flights.
-    arrivals : vector of int
-        Where each of them ends; see `contimpact.segments.segment`.
-    kept : table
-        Filled with a row for each eliminated impact, from row 1.
-    right : float
-        1 to carry the right side f_k = -residual along, 0 for zeros.
-    exact : bool
-        Whether z solves the equations. Then the derivative of an arrival by its time is the
-        arriving velocity z holds (over the duration, back on the surface left), which has not
-        the rounding of larger terms: multipliers next to a grazing go with its inverse.
-    z, span
-        The unknowns, and the orbit's period; used where `exact`.
+    `right` is 1 to carry the right side f_k = -residual along, 0 for zeros. Where z solves the
+    equations `exact`ly, the derivative of an arrival by its time is the arriving velocity z holds
+    (over the duration, back on the surface left), which has not the rounding of larger terms:
+    multipliers next to a grazing go with its inverse. `span` is the orbit's period.
 
-    Returns
-    -------
-    p00, p01, p10, p11, q00, q01, q10, q11, l0, l1, f0, f1 : float
-        The two rows left: P z_1 + Q z_{N+1} + l lambda = f.
-    sign, logarithm : float
-        Of the product of all det R_k; the sign is 0 where one vanishes.
-    ratio : float
-        det Q as the product of all det B_k over det R_k, which does not cancel.
+    Returns the two rows left, P z_1 + Q z_{N+1} + l lambda = f, as p00, p01, p10, p11, q00, q01,
+    q10, q11, l0, l1, f0, f1; sign and logarithm of the product of all det R_k, the sign 0 where one
+    vanishes; and det Q as the product of all det B_k over det R_k, which does not cancel.
     """
     count = len(arrivals)
     b = blocks[0]

@@ -151,20 +151,13 @@ HEIGHT = 760
 
 @dataclass(frozen=True, repr=False)
 class NotebookPage:
-    """A page that a notebook shows in a frame, without a network and without the kernel.
-
-    Attributes
-    ----------
-    name : str
-    text : str
-        The page.
-    height : int
-        Pixels that the frame is high.
-    """
+    """A page that a notebook shows in a frame, without a network and without the kernel."""
 
     name: str
     text: str
+    """The page."""
     height: int = HEIGHT
+    """Pixels that the frame is high."""
 
     def __repr__(self) -> str:
         size = len(self.text.encode()) / 1e6
