@@ -534,6 +534,13 @@ def csv_text(columns: Sequence[str], rows: Iterable[Iterable[Any]], *, exact: bo
     return buffer.getvalue()
 
 
+def csv_of_records(rows: Sequence[Mapping[str, Any]], first: Sequence[str] = ()) -> str:
+    """Return rows by column as CSV: the columns named first, then others as they come; cells that
+    a row lacks are empty."""
+    columns = list(dict.fromkeys([*first, *(name for row in rows for name in row)]))
+    return csv_text(columns, ([row.get(name) for name in columns] for row in rows))
+
+
 def _cell(value: Any, shown: Callable[[str], str]) -> Any:
     if isinstance(value, float):
         return repr(value)

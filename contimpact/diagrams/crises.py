@@ -463,11 +463,9 @@ def follow_crisis(
     """
     model = crisis.model
     model.require(second, "second")
-    kernels = Kernels(model, crisis.parameter, second)
-    path = crisis.path.problem
-    given = path.walls, path.grazing, path.before, path.after
     begin = np.append(crisis.path.unknowns, model.values[second])
-    problem, start = Connection(model, kernels, *given).longer(begin, 1, 1)
+    connection = _connection(crisis.path.problem, model, crisis.parameter, second)
+    problem, start = connection.longer(begin, 1, 1)
     ways = [
         walk(problem, start, way, parameter=second, limits=limits, settings=settings)
         for way in (-1, 1)
@@ -487,9 +485,7 @@ def follow_crisis(
 def _with_one_parameter(problem: Connection, second: float) -> Connection:
     """The equations at a value of the second parameter."""
     first, other = problem.kernels.parameters
-    model = problem.model.replace(**{other: second})
-    given = problem.walls, problem.grazing, problem.before, problem.after
-    return Connection(model, Kernels(model, first), *given)
+    return _connection(problem, problem.model.replace(**{other: second}), first)
 
 
 def _alone(path: Connected) -> Connected:

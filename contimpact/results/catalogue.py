@@ -34,6 +34,7 @@ from ..storage import (
     Content,
     Json,
     check_length,
+    csv_of_records,
     csv_text,
     json_line,
     json_text,
@@ -368,11 +369,7 @@ def curve_text(curve: Curve) -> str:
 
 def events_text(diagram: Diagram) -> str:
     """Return ``events.csv``: a row per entry; impacts and multipliers are spread over columns."""
-    rows = [entry.as_row() for entry in diagram.entries]
-    columns = table_columns(Entry)
-    for row in rows:
-        columns += [name for name in row if name not in columns]
-    return csv_text(columns, ([row.get(name) for name in columns] for row in rows))
+    return csv_of_records([entry.as_row() for entry in diagram.entries], table_columns(Entry))
 
 
 # Branches.
@@ -570,6 +567,9 @@ def read_fractions(path: Path) -> tuple[str, list[Share]]:
             raise ValueError("another schema")
         (parameter, *_), *rows = csv.reader(io.StringIO(table))
         return parameter, [Share.of(row) for row in rows]
+
+
+# Attractors along a parameter, over all values at which they are known.
 
 
 @dataclass(frozen=True)

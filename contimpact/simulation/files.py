@@ -42,6 +42,7 @@ from ..schema import DAMAGE, build_record, fit_value
 from ..storage import (
     Json,
     append,
+    csv_of_records,
     csv_text,
     is_there,
     json_line,
@@ -260,11 +261,9 @@ def energy_text(membrane: Membrane, sweep: Sweep, diagram: Diagram | None = None
     parameter, rows = sweep.parameter, _attractor_rows(membrane, sweep)
     for branch in diagram.branches if diagram else []:
         rows += _branch_rows(membrane, branch, sweep.model.DERIVED)
-    columns = ["from", "notation", "stable", "physical", parameter]
-    columns += [name for row in rows for name in row if name not in columns]
-    columns = list(dict.fromkeys(columns))
     head = json.dumps({"schema": ENERGY, "parameter": parameter, "membrane": asdict(membrane)})
-    return f"# {head}\n" + csv_text(columns, ([row.get(c) for c in columns] for row in rows))
+    first = "from", "notation", "stable", "physical", parameter
+    return f"# {head}\n" + csv_of_records(rows, first)
 
 
 def losses_text(sweep: Sweep, kernels: Kernels) -> str:
@@ -279,9 +278,8 @@ def losses_text(sweep: Sweep, kernels: Kernels) -> str:
         each = {f"E{k + 1}": lost for k, lost in enumerate(found.impacts[:WRITTEN].tolist())}
         named = {"from": row.direction, "notation": row.attractor.notation}
         rows.append(named | {sweep.parameter: row.value} | derived | means | each)
-    columns = list(dict.fromkeys(name for row in rows for name in row))
     head = json.dumps({"schema": LOSSES, "parameter": sweep.parameter})
-    return f"# {head}\n" + csv_text(columns, ([row.get(c) for c in columns] for row in rows))
+    return f"# {head}\n" + csv_of_records(rows)
 
 
 def _attractor_rows(membrane: Membrane, sweep: Sweep) -> list[dict[str, Any]]:
