@@ -66,14 +66,8 @@ ENTRY = """
 def fly(body, wall, phase, velocity):
     return fly_in_time(any_motion, body, wall, phase, velocity)
 
-def entry(
-    values, clock, zeros, sides, leaving, below, above, low, high, restitution, slow, edges,
-    presses, first, longest, state, when, walls, turns, phases, velocities, released, span,
-):
-    body = Body(
-        values, clock, zeros, sides, leaving, below, above, low, high, restitution, slow, edges,
-        presses, first, longest
-    )
+def entry({fields}, state, when, walls, turns, phases, velocities, released, span):
+    body = Body({fields})
     made = 0
     for k in range(len(state) // 3):
         made += make_impacts(
@@ -104,7 +98,8 @@ def program_of(motions: Sequence[Kernel]) -> Program:
         lines.append(f"    {condition}return {name}(head[1], head[2], dt, {given})")
     program.glue("\n".join(lines), **names)
     program.constant("Body", Body)
-    program.glue(ENTRY, fly_in_time=fly_in_time, make_impacts=make_impacts)
+    entry = ENTRY.format(fields=", ".join(Body._fields))
+    program.glue(entry, fly_in_time=fly_in_time, make_impacts=make_impacts)
     return program
 
 
