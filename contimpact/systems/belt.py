@@ -25,25 +25,9 @@ class Belt(Model):
     """A body on a moving belt, held by a spring and driven; units of its mass and its frequency.
 
     With delta = 0 all flights are in closed form; otherwise those in slip are integrated, which
-    takes the extra ``ode``.
-
-    Parameters
-    ----------
-    a : float
-        Forcing amplitude.
-    omega : float
-        Its frequency.
-    c : float
-        Damping.
-    V : float
-        Velocity of the belt.
-    mu_0 : float
-        Friction at rest, and in slow slip.
-    delta : float
-        How fast friction weakens with the relative velocity.
-    friction : str
-        ``"constant"`` or ``"weakening"``: the second unless delta is 0. To follow delta from 0 on,
-        say ``"weakening"``.
+    takes the extra ``ode``. Slow slip has the friction at rest, which weakens with the relative
+    velocity. The option ``friction`` is ``"constant"`` or ``"weakening"``: the second unless delta
+    is 0. To follow delta from 0 on, say ``"weakening"``.
     """
 
     SYSTEM = "belt"
