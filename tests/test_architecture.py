@@ -42,7 +42,7 @@ FOR_ALL = {
 
 TRUSTED = {
     "contimpact.__main__": {"exec"},
-    "contimpact.segments.arithmetic": {"exec"},
+    "contimpact.segments.kernel": {"exec"},
     "contimpact.segments.kernels": {"exec"},
     "contimpact.segments.compiling": {"ctypes"},
     "contimpact.segments.bounded": {"exec"},

@@ -314,7 +314,7 @@ def test_integrating_imports_no_sympy():
     """heyoka would, for a conversion of expressions that nobody asks for."""
     pytest.importorskip("heyoka")
     text = (
-        "import sys; from contimpact.segments.integration import flown; "
+        "import sys; from contimpact.segments.integrated_flight import flown; "
         "assert abs(flown(': -x0', '', 1.0, 0.0, 1.0, 0.0)[1] + 0.8414709848078965) < 1e-15; "
         "assert 'heyoka' in sys.modules and 'sympy' not in sys.modules; import sympy; sympy.Symbol"
     )

@@ -40,7 +40,7 @@ from ..models.word import Word
 from ..segments.arithmetic import ARRAYS, evaluate_in
 from ..segments.bounded import UNIT, BoundedNumber, bounds_of, bounds_of_kernel
 from ..segments.flight import FlightGaps, flight_gaps
-from ..segments.integration import integrated_track
+from ..segments.integrated_track import integrated_track
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION, CombinedBlocks, Setup
 from ..segments.segment import MEETING

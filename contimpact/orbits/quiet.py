@@ -31,7 +31,7 @@ from ..models.model import Model
 from ..models.word import Word
 from ..segments.arithmetic import ARRAYS, evaluate_in
 from ..segments.flight import FlightGaps, Touch, breaks_of, touch_of
-from ..segments.integration import IntegratedTrack, integrated_track, join_flights
+from ..segments.integrated_track import IntegratedTrack, integrated_track, join_flights
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION
 from ..segments.oscillation import Excursion, Moved, excursions

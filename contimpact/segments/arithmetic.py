@@ -12,43 +12,20 @@ from __future__ import annotations
 
 import functools
 import math
-import re
 import types
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from ..arrays import Number
-from . import integration, layout, linear_flow, transients
+from . import integrated_flight, layout, linear_flow, transients
 from . import transients as array_transients
 from . import transients as stumpff
-from .integration import require
-from .layout import Family, declaration_of
-
-
-class Kernel(Protocol):
-    """A kernel as a function of floats."""
-
-    family: Family
-    """How its flights are computed, as its writer says."""
-    parameters: frozenset[str]
-    """Parameters that its results depend on."""
-
-    functions: dict[str, Callable[..., Any]]
-    """Functions of its own, which take the numbers of any arithmetic."""
-    text: str
-    """Text as it was written, its constants by name."""
-    source: str
-    """Text that runs, with constants as numbers."""
-    __name__: str
-    __code__: types.CodeType
-    __globals__: dict[str, Any]
-
-    def __call__(self, *arguments: Number) -> Any: ...
-
-    def __hash__(self) -> int: ...
+from .kernel import ELEMENTARY, cube, function_of, power, square
+from .kernel import FUNCTIONS as FUNCTIONS
+from .kernel import Kernel as Kernel
 
 
 def _same(number: Number) -> Number:
@@ -84,59 +61,13 @@ def kernel_of(
 
     `functions` are those that it calls and arithmetics do not have, in plain sums and products.
     """
-    namespace = FLOATS.names | (functions or {})
-    source = _CONSTANT.sub(_fold_name, text)
-    exec(compile(source, file, "exec"), namespace)
-    kernel: Kernel = namespace[name]
-    kernel.family, kernel.parameters = declaration_of(text)
-    if kernel.family is Family.INTEGRATED:
-        require()
-    kernel.text, kernel.source, kernel.functions = text, source, functions or {}
-    return kernel
-
-
-_CONSTANT = re.compile(r"\bpi\b|\bratio\((-?\d+), (\d+)\)")
-MANY_DIGITS = 2**31
-"""Number of digits from which on a quotient is written as the double nearest to it."""
-
-
-def _fold_name(constant: re.Match[str]) -> str:
-    """A number instead of a name, so that compilers can fold constants."""
-    above, below = constant.groups()
-    if above is None:
-        return repr(math.pi)
-    above, below = int(above), int(below)
-    if max(abs(above), below) < MANY_DIGITS:
-        return f"({above}/{below})"
-    try:
-        return repr(above / below)
-    except OverflowError:
-        return "1e999"
+    return function_of(name, text, file, FLOATS.names, functions)
 
 
 @functools.cache
 def _exact_code(text: str) -> types.CodeType:
     module = compile(text, "<kernel>", "exec")
     return next(c for c in module.co_consts if isinstance(c, types.CodeType))
-
-
-FUNCTIONS = tuple("sin cos tan asin acos atan sinh cosh tanh exp log sqrt floor".split())
-"""Elementary functions; Stumpff functions and free motions come besides."""
-
-
-def square(x: Number) -> Number:
-    """Return x x."""
-    return x * x
-
-
-def cube(x: Number) -> Number:
-    """Return x x x."""
-    return x * x * x
-
-
-def power(x: Number, y: Number) -> Number:
-    """Return x to the power of y."""
-    return x**y
 
 
 def waves(rows: Any, phase: Any, dt: Any) -> Any:
@@ -160,9 +91,7 @@ PLAIN: dict[str, Any] = {
 """Names that stand for the same in every arithmetic."""
 
 FLOATS = Arithmetic(
-    {name: getattr(math, name) for name in FUNCTIONS}
-    | {"nan": math.nan, **linear_flow.SCALAR, **integration.SCALAR, **PLAIN}
-    | {"power": math.pow}  # without complex numbers
+    {**PLAIN, **ELEMENTARY, **linear_flow.SCALAR, **integrated_flight.SCALAR}
     | stumpff.STUMPFF_SCALAR
     | transients.SCALAR
 )
@@ -184,11 +113,11 @@ def _array_waves(rows: Any, phase: Any, dt: Any) -> Iterator[Any]:
 _NUMPY_SPELLING = {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}
 ARRAYS = Arithmetic(
     {name: getattr(np, _NUMPY_SPELLING.get(name, name)) for name in FUNCTIONS}
-    | {"nan": math.nan, **linear_flow.ARRAY, **integration.ARRAY, **PLAIN}
+    | {"nan": math.nan, **linear_flow.ARRAY, **integrated_flight.ARRAY, **PLAIN}
     | {"waves": _array_waves, "total": lambda x: np.sum(x, axis=0)}
     | stumpff.STUMPFF_ARRAY
     | array_transients.ARRAY
 )
 
-STATES = Arithmetic({**ARRAYS.names, **linear_flow.STATES, **integration.STATES})
+STATES = Arithmetic({**ARRAYS.names, **linear_flow.STATES, **integrated_flight.STATES})
 """Arrays, where derivatives of linear and of integrated flights by parameters are not asked for."""

@@ -24,7 +24,7 @@ import numpy as np
 
 from ..arrays import Array, Number, Vector
 from ..syntax import parse, parse_expression
-from . import integration, linear_flow
+from . import integrated_flight, linear_flow
 from .arithmetic import FLOATS, FUNCTIONS, PLAIN, Arithmetic, Kernel, evaluate_in
 from .layout import Family, Setup
 from .segment import ClosedForm, Numbers, Segment
@@ -279,7 +279,9 @@ def many_digits(ctx: Any) -> Arithmetic:
     names |= {f"stumpff{k}": _stumpff(ctx, k) for k in range(HIGHEST + 1)}
     names |= {f"stumpffs{n}": _stumpffs(ctx, n) for n in TOGETHER}
     names |= {f"transients{order}": transients(ctx, order) for order in TABLES}
-    names |= linear_flow.multiprecision_functions(ctx) | integration.multiprecision_functions(ctx)
+    names |= linear_flow.multiprecision_functions(ctx) | integrated_flight.multiprecision_functions(
+        ctx
+    )
     constants = {"pi": +ctx.pi, "ratio": lambda above, below: ctx.mpf(above) / below}
     return Arithmetic(names | constants, exact=True, number=ctx.convert)
 
@@ -474,8 +476,10 @@ def _flow(d: int, h: int, directions: int, *arguments: Number) -> Vector:
 def _integrated_flight(field: str, directions: str, *arguments: Number) -> Vector:
     """A flight that is integrated."""
     numbers = [BoundedNumber.of(a).value for a in arguments]
-    sizes = partial(integration.rounding_scale, field, directions, numbers)
-    return _bounded_function(partial(integration.flown, field, directions), sizes=sizes)(*arguments)
+    sizes = partial(integrated_flight.rounding_scale, field, directions, numbers)
+    return _bounded_function(partial(integrated_flight.flown, field, directions), sizes=sizes)(
+        *arguments
+    )
 
 
 def _real_power(x: float, y: float) -> float:

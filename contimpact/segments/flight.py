@@ -13,7 +13,7 @@ import numpy as np
 from ..arrays import Array, Vector
 from ..models.guards import Guard
 from .arithmetic import ARRAYS, Kernel, evaluate_in
-from .integration import integrated_track, track_between
+from .integrated_track import integrated_track, track_between
 from .kernels import Kernels
 from .oscillation import MOST, excursion_by_law
 from .oscillation import Excursion as Excursion

@@ -18,7 +18,9 @@ import numpy as np
 from ..arrays import Array, Number
 from .arithmetic import FLOATS, Arithmetic, evaluate_in
 from .derivatives import Series, series
-from .integration import KEPT, IntegratedTrack, integrator, join_flights, rounding_scale, statement
+from .integrated_flight import rounding_scale
+from .integrated_track import IntegratedTrack, join_flights
+from .integration import KEPT, integrator, statement
 from .layout import SECTION, Blocks, CombinedBlocks, Row, differences_grow
 from .segment import ELSEWHERE, ClosedForm, KernelSource, Numbers
 

@@ -1,4 +1,4 @@
-"""Integrated flights: Taylor steps, batches of them, and tracks made of their polynomials."""
+"""Integration of flights by Taylor's method, in numbers of any precision, alone or side by side."""
 
 from __future__ import annotations
 
@@ -10,36 +10,31 @@ import importlib.util
 import math
 import sys
 import types
-from bisect import bisect_right
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, Self
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..arrays import Array, Vector
+from ..arrays import Array
 from ..errors import NotInstalledError
 from ..models.expressions import FUNCTIONS
 from ..storage import kept_object
 from ..syntax import parse, parse_expression
-from .track import coefficients_of, sign_changes
 
 # Flights that are integrated: :math:`\ddot x = f(t, x, \dot x)` by Taylor's method.
 #
 # A flight of duration D from (t_0, x_0, v_0) is written in the time s = (t - t_0)/D from 0 to 1,
-# with
-# the mean velocity u so far in the place of the position:
+# with the mean velocity u so far in the place of the position:
 #
 # .. math:: u' = v, \qquad v' = D\,f(t_0 + sD,\; x_0 + Du,\; v), \qquad u(0) = 0,\; v(0) = v_0 .
 #
 # u(1) is the mean velocity of the flight, which does not cancel however short it is, nor do its
 # derivatives; there is nothing special about D = 0 or D < 0, and everything a flight depends on is
-# a
-# parameter of the equations or an initial velocity. Derivatives come from the variational
-# equations,
-# truncated series from those with respect to the series' small quantity.
+# a parameter of the equations or an initial velocity. Derivatives come from the variational
+# equations, truncated series from those with respect to the series' small quantity.
 #
 # The integrator is heyoka (Biscani and Izzo, 2021), with its order and its steps chosen for errors
 # at rounding. Compiled integrators are kept for the life of the process.
@@ -56,6 +51,8 @@ MOST_STEPS = 200_000
 """Largest number of steps of a flight; c = 1e4 asks for some 1e4 over one period."""
 SOME_STEPS = 10_000
 """Largest number of steps of a flight among many, whatever the others ask for."""
+KEPT = 64
+"""Flights that are kept: gaps, sizes and stability of an orbit ask for the same ones."""
 
 LOOKS = 8
 """Places in a step, at equal distances, the last of them its end, at which the force is compared
@@ -216,6 +213,11 @@ def _heyoka() -> Any:
         if hidden:
             del sys.modules["sympy"]
     return heyoka
+
+
+def real_number(text: str, bits: int) -> Any:
+    """Return a number of so many bits from its digits."""
+    return _heyoka().real(text, bits)
 
 
 class _Step(NamedTuple):
@@ -687,316 +689,3 @@ AT_ONCE = 64
 def batch_integrator(field: str, directions: tuple[str, ...] = ()) -> BatchIntegrator:
     """Return the integrator of many flights; it is compiled when it is first asked for."""
     return BatchIntegrator(field, directions)
-
-
-# An integrated flight from its start to its end, as the Taylor polynomials of its steps.
-#
-# Each is right to rounding on its step, so that extrema and arrivals found on them with certainty,
-# as
-# on those of `track`, are the flight's.
-
-
-class Fields(Protocol):
-    """What tracks ask of the kernels of a model; see `kernels.Kernels`."""
-
-    whole: bool
-
-    def field(self, a: str) -> Any:
-        """Return the kernel of the field that flights from wall a are integrated in."""
-        ...
-
-    def segment(self, start: str, end: str) -> Any:
-        """Return the segment from one wall to another."""
-        ...
-
-
-class IntegratedTrack:
-    """The states of a flight by the field of `text_of`, of positive duration `length`.
-
-    Its numbers are those of `flown`, without the duration.
-    """
-
-    def __init__(self, field: str, numbers: Sequence[float], length: float) -> None:
-        freedom = statement(field).freedom
-        times, means, speeds = integrator(field).dense([length, *numbers])
-        self.start = list(numbers[1 : 1 + freedom])
-        self.times, self.speeds = length * times, speeds
-        self.moved = length * means
-
-    @classmethod
-    def of(cls, start: list[float], times: Array, moved: Array, speeds: Array) -> Self:
-        """Return the states of a flight from its polynomials."""
-        track = cls.__new__(cls)
-        track.start, track.times, track.moved, track.speeds = start, times, moved, speeds
-        return track
-
-    def at(self, times: Array) -> tuple[Array, Array]:
-        """Return positions and velocities at times after it leaves, a row for each time."""
-        moved, speeds = self.moved_at(times)
-        return np.array(self.start) + moved, speeds
-
-    def moved_at(self, times: Array) -> tuple[Array, Array]:
-        """Return the ways from the start, and the velocities, at times after it leaves."""
-        steps = np.diff(self.times)
-        places = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(steps) - 1)
-        part = (times - self.times[places]) / steps[places]
-        moved, speeds = (_values(e[places], part) for e in (self.moved, self.speeds))
-        return moved, speeds
-
-    def along(self, row: Sequence[float], from_start: bool = False) -> IntegratedCurve:
-        """Return a linear combination of the positions, or how far it is from where it starts.
-
-        Coordinates that the mode does not have are at zero.
-        """
-        weights = np.array([float(c) for c in row[: len(self.start)]])
-        position, velocity = (np.einsum("i,kij->kj", weights, e) for e in (self.moved, self.speeds))
-        if not from_start:
-            position[:, 0] += weights @ self.start
-        return IntegratedCurve(self.times, position, velocity)
-
-
-def integrated_track(
-    kernels: Fields, wall: str, leave: Sequence[float], values: Sequence[float], length: float
-) -> IntegratedTrack:
-    """Return the track of a flight that is integrated, from the unknowns where it leaves."""
-    field, numbers = kernels.field(wall)(*leave, *values)
-    return _track(field, tuple(numbers), length)
-
-
-KEPT = 64
-"""Flights that are kept: gaps, sizes and stability of an orbit ask for the same ones."""
-
-
-@functools.lru_cache(KEPT)
-def _track(field: str, numbers: tuple[float, ...], length: float) -> IntegratedTrack:
-    return IntegratedTrack(field, numbers, length)
-
-
-def join_flights(
-    tracks: Sequence[IntegratedTrack], begins: Sequence[float] | Array, positions: Array
-) -> IntegratedTrack:
-    """Return one flight of several, which begin at these times and positions."""
-    times, moved = [tracks[0].times[:1]], []
-    for track, begin, position in zip(tracks, begins, positions, strict=True):
-        times.append(begin + track.times[1:])
-        way = track.moved.copy()
-        way[:, :, 0] += position - positions[0]
-        moved.append(way)
-    speeds = np.concatenate([track.speeds for track in tracks])
-    return IntegratedTrack.of(tracks[0].start, np.concatenate(times), np.concatenate(moved), speeds)
-
-
-def track_between(
-    kernels: Fields,
-    ends: tuple[str, str],
-    leave: Sequence[float],
-    arrive: Sequence[float],
-    values: Sequence[float],
-    length: float,
-) -> IntegratedTrack:
-    """Return the track of a flight that is integrated, from one guard to another.
-
-    A long one is held by both of its ends: from where it leaves alone, it would go astray.
-    """
-    segment: Any = kernels.segment(*ends)
-    found: IntegratedTrack | None = None
-    if not kernels.whole:
-        found = segment.long_track(leave, arrive, values)
-    return found or integrated_track(kernels, ends[0], leave, values, length)
-
-
-class IntegratedCurve:
-    """A coordinate along a flight: position, velocity and acceleration.
-
-    `times` are the ends of the pieces; the coefficients, of shape (pieces, degree + 1), are of
-    powers of the time since the piece's start, as a part of its duration.
-    """
-
-    def __init__(self, times: Array, position: Array, velocity: Array) -> None:
-        self.times, self.last = times.tolist(), len(position) - 1
-        self._steps = np.diff(times)
-        self._position, self._velocity = position, velocity
-        self._pieces: dict[int, list[tuple[float, float, float]]] = {}
-        self._found: dict[float, tuple[float, float, float]] = {}
-
-    @functools.cached_property
-    def _acceleration(self) -> Array:
-        found = np.zeros_like(self._velocity)
-        orders = np.arange(1.0, found.shape[1])
-        found[:, :-1] = self._velocity[:, 1:] * orders / self._steps[:, None]
-        return found
-
-    def _piece(self, k: int) -> list[tuple[float, float, float]]:
-        """Coefficients of a piece, the highest first."""
-        if k not in self._pieces:
-            three = self._position[k], self._velocity[k], self._acceleration[k]
-            self._pieces[k] = list(zip(*(part[::-1].tolist() for part in three), strict=True))
-        return self._pieces[k]
-
-    def __call__(self, head: Vector, dt: float, values: Vector) -> tuple[float, float, float]:
-        """Return position, velocity and acceleration; see `flight.Motion`."""
-        if dt in self._found:  # its ends are asked for again and again
-            return self._found[dt]
-        k = min(max(bisect_right(self.times, dt) - 1, 0), self.last)
-        s = (dt - self.times[k]) / (self.times[k + 1] - self.times[k])
-        x = v = a = 0.0
-        for b, c, d in self._piece(k):
-            x, v, a = x * s + b, v * s + c, a * s + d
-        self._found[dt] = x, v, a
-        return x, v, a
-
-    def bounds(self) -> tuple[float, float]:
-        """Return bounds of the position on the whole flight."""
-        coefficients = coefficients_of(self._position)
-        return float(coefficients.min()), float(coefficients.max())
-
-    def at_end(self) -> tuple[float, float]:
-        """Return position and velocity where the flight ends."""
-        return float(self._position[-1].sum()), float(self._velocity[-1].sum())
-
-    def breaks(self) -> list[float]:
-        """Return the times at which the acceleration changes sign, in order."""
-        found = []
-        for place in sign_changes(self._acceleration[:, :-1]):
-            k = min(int(place), self.last)
-            found.append(self.times[k] + (place - k) * self._steps[k])
-        return found
-
-
-def velocities_at(field: str, numbers: Sequence[float], times: Array) -> Array:
-    """Return mean velocities and end velocities of flights that leave together, as (2 * freedom,
-    n).
-
-    `times` are their n durations, none negative. NaN where the flow does not stay finite.
-    """
-    freedom = statement(field).freedom
-    longest = float(np.max(times, initial=0.0))
-    begun = [float(v) for v in numbers[1 + freedom : 1 + 2 * freedom]]
-    if longest == 0.0:
-        return np.repeat(np.array(begun * 2)[:, None], len(times), axis=1)
-    try:
-        track = _track(field, tuple(float(x) for x in numbers), longest)
-    except ArithmeticError:
-        return np.full((2 * freedom, len(times)), np.nan)
-    moved, speeds = (column.T for column in track.moved_at(times))
-    short = times == 0.0
-    means = np.where(short, np.array(begun)[:, None], moved / np.where(short, 1.0, times))
-    return np.concatenate([means, speeds])
-
-
-def _values(terms: Array, part: Array) -> Array:
-    """Polynomials of shape (n, freedom, degree + 1) at parts of their steps, shape (n, freedom)."""
-    total = np.zeros(terms.shape[:2])
-    for k in range(terms.shape[2] - 1, -1, -1):
-        total = total * part[:, None] + terms[:, :, k]
-    return total
-
-
-TRIALS_APART = 0.7
-"""Part of the mean step to which another integration is held, to see how far results differ."""
-
-MANY = 64
-"""Flights at once, as in searches, from which they are integrated side by side; the number alone
-decides, so that results do not depend on what a process has done before."""
-
-
-def flown(field: str, directions: str, *numbers: float) -> Sequence[float]:
-    """Return mean and end velocities of a flight, and the same of their derivatives by each
-    direction.
-
-    The field is that of `text_of`; directions are among `Statement.names`, each of which has a
-    number.
-    """
-    return _flown(field, directions, numbers)
-
-
-@functools.lru_cache(KEPT)
-def _flown(field: str, directions: str, numbers: tuple[float, ...]) -> Sequence[float]:
-    return tuple(integrator(field, tuple(directions.split()))(numbers))
-
-
-def flown_of_series(field: str, directions: str, rows: Sequence[Sequence[Any]]) -> list[Any]:
-    """Return the same of truncated series, each row the coefficients of one.
-
-    Derivatives by the directions are known to the first order; beyond it they are numbers.
-    """
-    return _series_results(field, directions, rows, 0)
-
-
-def _series_results(
-    field: str, directions: str, rows: Sequence[Sequence[Any]], bits: int
-) -> list[Any]:
-    degree, by = len(rows[0]) - 1, tuple(directions.split())
-    if degree == 0 or (degree > 1 and by):
-        numbers = [row[0] for row in rows]
-        tables = [[x] for x in integrator(field, by, 0, bits)(numbers)]
-        if degree == 0:
-            return tables
-        values = integrator(field, (), degree, bits).of_series(rows)
-        return [*values, *tables[len(values) :]]
-    return integrator(field, by, degree, bits).of_series(rows)
-
-
-def flown_of_arrays(field: str, directions: str, *numbers: Any) -> Array:
-    """Return the same for arrays of numbers; results are along axis 0, NaN where there is none."""
-    given = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in numbers))
-    shape = given[0].shape
-    if not directions and not any(np.ndim(x) for x in numbers[1:]) and np.min(numbers[0]) >= 0.0:
-        return velocities_at(field, numbers[1:], given[0].ravel()).reshape(-1, *shape)
-    rows, by = np.column_stack([x.ravel() for x in given]), tuple(directions.split())
-    if len(rows) >= MANY:
-        found = batch_integrator(field, by).each(rows)
-    else:
-        found = integrator(field, by).each(rows)
-    return found.T.reshape(-1, *shape)
-
-
-def flown_of_states(field: str, directions: str, *numbers: Any) -> Array:
-    """Return the same without derivatives by parameters, which are put at zero."""
-    by, known = directions.split(), statement(field)
-    moved = [name for name in by if name not in known.parameters]
-    found = flown_of_arrays(field, " ".join(moved), *numbers)
-    rows = 2 * known.freedom * (len(by) - len(moved))
-    return np.concatenate([found, np.zeros((rows, *found.shape[1:]))])
-
-
-def rounding_scale(field: str, directions: str, numbers: Sequence[float], found: Array) -> Array:
-    """Return what the results of `flown` are rounded beside.
-
-    Beside the velocities there are, and beside what another integration, by other steps, is off.
-    """
-    function = integrator(field, tuple(directions.split()))
-    function(numbers)
-    steps = max(1, function.steps)
-    other = np.array(function(numbers, TRIALS_APART / steps))
-    d = statement(field).freedom
-    tables = np.abs(found).reshape(-1, d)
-    tables[:2] = np.max(np.abs([*tables[:2], numbers[2 + d : 2 + 2 * d]]), axis=0)
-    return math.sqrt(steps) * tables.ravel() + np.abs(found - other) / np.finfo(float).eps
-
-
-SCALAR: dict[str, Callable[..., Any]] = {"flown": flown, "flown_of_series": flown_of_series}
-ARRAY: dict[str, Callable[..., Any]] = {"flown": flown_of_arrays}
-STATES: dict[str, Callable[..., Any]] = {"flown": flown_of_states}
-
-
-def multiprecision_functions(ctx: Any) -> dict[str, Callable[..., Any]]:
-    """Return the same functions for the numbers of an mpmath context."""
-
-    def real(x: Any) -> Any:
-        return _heyoka().real(ctx.nstr(ctx.mpf(x), ctx.dps + 5, strip_zeros=False), ctx.prec)
-
-    def back(x: Any) -> Any:
-        return ctx.mpf(str(x))
-
-    def many(field: str, directions: str, *numbers: Any) -> list[Any]:
-        function = integrator(field, tuple(directions.split()), 0, ctx.prec)
-        return [back(x) for x in function([real(x) for x in numbers])]
-
-    def many_of_series(field: str, directions: str, rows: Sequence[Sequence[Any]]) -> list[Any]:
-        given = [[real(c) for c in row] for row in rows]
-        return [
-            [back(x) for x in row] for row in _series_results(field, directions, given, ctx.prec)
-        ]
-
-    return {"flown": many, "flown_of_series": many_of_series}

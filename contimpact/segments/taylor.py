@@ -13,14 +13,10 @@ import functools
 import math
 import re
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
-
-import numpy as np
+from typing import Any, NamedTuple
 
 from ..arrays import Table, Vector, tail
 from ..syntax import parse
-from .arithmetic import Kernel, kernel_of
-from .compiling import load, mode, timed_plainly
 from .integration import (
     CLOSE,
     KEPT,
@@ -30,10 +26,9 @@ from .integration import (
     NOISE,
     SCALE,
     SHORTEST_STEP,
-    flown_of_series,
-    is_limited,
     statement,
 )
+from .kernel import ELEMENTARY, Kernel, function_of
 from .oscillation import (
     COEFFICIENTS,
     DEGREE,
@@ -47,9 +42,6 @@ from .oscillation import (
     zeros_of_all,
 )
 from .taylor_text import Writer
-
-if TYPE_CHECKING:
-    from .machine_code import Program
 
 ORDER = DEGREE
 """Order of the series: heyoka's for errors at rounding."""
@@ -86,17 +78,20 @@ class BySeries(NamedTuple):
 
 
 @functools.cache
-def flight_by_series(field: str, directions: str, along: bool = False) -> BySeries:
-    """Return what `integration.flown` does for a field and directions, as a plain function.
+def flight_by_series(
+    field: str, directions: str, along: bool = False, most: int = MOST_STEPS
+) -> BySeries:
+    """Return what `Integrator` does for a field and directions, as a plain function.
 
     It takes the numbers of `Statement.names` and scratch space, and returns NaN where the flow
-    ceases to be finite or takes too many steps. With `along` it takes the slopes of all numbers
-    behind these, and returns how all results change along them behind the results.
+    It takes the numbers of `Statement.names` and scratch space, and returns NaN where the flow
+    ceases to be finite or takes more than `most` steps. With `along` it takes the slopes of all
+    numbers behind these, and returns how all results change along them behind the results.
 
     Raises NotImplementedError for a field with an operation that has no series here.
     """
     writer = Writer(field, tuple(directions.split()), along)
-    return _by_series(writer, "flight", writer.flight("flight"), step_length)
+    return _by_series(writer, "flight", writer.flight("flight"), step_length, most=most)
 
 
 @functools.cache
@@ -113,9 +108,14 @@ def path_by_series(field: str) -> BySeries:
     return _by_series(writer, "path", writer.path("path"), *called)
 
 
-def _by_series(writer: Writer, name: str, text: str, *called: Callable[..., object]) -> BySeries:
+def _by_series(
+    writer: Writer, name: str, text: str, *called: Callable[..., object], most: int = MOST_STEPS
+) -> BySeries:
     stride = writer.stride
-    numbers = NUMBERS | {"STRIDE": stride, "MOST_STEPS": MOST_STEPS}
+    numbers = NUMBERS | {"STRIDE": stride, "MOST_STEPS": most}
+
+    def function(name: str, text: str) -> Kernel:
+        return function_of(name, text, f"<{name} by {writer.field}>", ELEMENTARY, names)
 
     def with_numbers(text: str) -> str:
         return _PLACEHOLDER.sub(lambda found: repr(numbers[found[0]]), text)
@@ -123,12 +123,11 @@ def _by_series(writer: Writer, name: str, text: str, *called: Callable[..., obje
     names: dict[str, Any] = {"math": math, "tail": tail} | {one.__name__: one for one in called}
     helpers = dict(writer.helpers)
     if writer.hides:
-        names["force"] = kernel_of("force", writer.force(), f"<force of {writer.field}>")
+        names["force"] = function("force", writer.force())
         helpers["misses"] = writer.misses()
     for helper, lines in helpers.items():
-        names[helper] = kernel_of(helper, with_numbers(lines), f"<{helper}>", names)
-    function = kernel_of(name, with_numbers(text), f"<{name} by {writer.field}>", names)
-    return BySeries(function, (ORDER + 1) * stride)
+        names[helper] = function(helper, with_numbers(lines))
+    return BySeries(function(name, with_numbers(text)), (ORDER + 1) * stride)
 
 
 NUMBERS: dict[str, float] = {
@@ -143,38 +142,6 @@ NUMBERS: dict[str, float] = {
 _PLACEHOLDER = re.compile("|".join(rf"\b{name}\b" for name in [*NUMBERS, "STRIDE", "MOST_STEPS"]))
 
 
-# Flights whose derivatives change along a direction, one by one, where that is compiled.
-
-PAYS_AFTER = 0.3
-"""Seconds that heyoka has taken for a field after which compiling pays: it takes about as long."""
-
-
-def flown_along(field: str, directions: str, rows: Sequence[Sequence[float]]) -> list[Any]:
-    """Return what `integration.flown_of_series` does for series to the first order; by compiled
-    code if that is there or pays, and steps are not counted."""
-    identity = ALONG, field, directions
-
-    def build() -> Program:
-        return _program(field, directions)
-
-    wanted = mode() != "never" and has_series(field) and not is_limited()
-    fast = load(identity, "fff", build, PAYS_AFTER) if wanted else None
-    if fast is None:
-        with timed_plainly(identity):
-            return flown_of_series(field, directions, rows)
-    given = np.array(rows, dtype=float).T.ravel()
-    space = np.empty(flight_by_series(field, directions, along=True).space)
-    found = np.empty(4 * statement(field).freedom * (1 + len(directions.split())))
-    fast(given, space, found)
-    if not np.all(np.isfinite(found)):
-        raise OverflowError("a flight does not stay finite")
-    return found.reshape(2, -1).T.tolist()
-
-
-ALONG = "flown along"
-"""Begins the identity of the programs of `flown_along`."""
-
-
 @functools.cache
 def has_series(field: str) -> bool:
     """Whether all operations of a field have series here."""
@@ -183,23 +150,6 @@ def has_series(field: str) -> bool:
     except NotImplementedError:
         return False
     return True
-
-
-def _program(field: str, directions: str) -> Program:
-    from .machine_code import Program
-
-    size = len(statement(field).names)
-    given = ", ".join(f"x[{i}]" for i in range(2 * size))
-    program = Program({})
-    text = f"""
-def entry(x, space, out):
-    found = flight({given}, space)
-    for i in range(len(out)):
-        out[i] = found[i]
-    return 0
-"""
-    program.glue(text, flight=flight_by_series(field, directions, along=True).function)
-    return program
 
 
 # Kernels that integrate, as they are compiled: with scratch space as a last argument.
@@ -285,9 +235,8 @@ def _kernel_with(
     """A kernel from its changed tree, which takes more arguments."""
     function.args.args += [ast.arg(name) for name in more]
     text = ast.unparse(ast.fix_missing_locations(function))
-    return BySeries(
-        kernel_of(kernel.__name__, text, f"<{kernel.__name__} by series>", called), space
-    )
+    name, names = kernel.__name__, kernel.__globals__
+    return BySeries(function_of(name, text, f"<{name} by series>", names, called), space)
 
 
 # Flights from their start to their end, as polynomials.

@@ -19,7 +19,7 @@ from ..models.guards import Guard, Row, slides_at, state_before
 from ..models.model import Model
 from .arithmetic import Kernel
 from .flight import FlightGaps, Touch, breaks_of, flight_gaps, smallest_gap, touch_of
-from .integration import track_between
+from .integrated_track import track_between
 from .kernels import Kernels
 from .oscillation import SMALLEST, Motion, excursions, speed_at_end
 from .segment import ELSEWHERE

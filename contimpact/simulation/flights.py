@@ -22,7 +22,8 @@ from ..segments.flight import (
     rounding_along,
     zeros_in_turn,
 )
-from ..segments.integration import IntegratedCurve, IntegratedTrack, StepLimitError
+from ..segments.integrated_track import IntegratedCurve, IntegratedTrack
+from ..segments.integration import StepLimitError
 from ..segments.kernels import Kernels
 from ..segments.layout import Family
 from ..segments.linear_flow import Shape, flow

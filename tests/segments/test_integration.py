@@ -18,13 +18,9 @@ from contimpact.segments import integration, kernels
 from contimpact.segments.arithmetic import ARRAYS, evaluate_in
 from contimpact.segments.bounded import BOUNDED, BoundedNumber, many_digits
 from contimpact.segments.checking import check_model
-from contimpact.segments.integration import (
-    flown,
-    flown_of_series,
-    integrated_track,
-    integrator,
-    text_of,
-)
+from contimpact.segments.integrated_flight import MANY, flown, flown_of_arrays, flown_of_series
+from contimpact.segments.integrated_track import IntegratedTrack, integrated_track
+from contimpact.segments.integration import integrator, text_of
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.layout import flat
 from contimpact.segments.track import track_of
@@ -157,7 +153,7 @@ def test_arrays_are_rows_of_numbers():
     found = np.array(together(0.3, 1.2, times, *p))
     for place in np.ndindex(times.shape):
         assert found[:, *place] == pytest.approx(one(0.3, 1.2, times[place], *p), abs=2e-15)
-    moving = integration.flown_of_arrays(FIELD, "v0", *(np.array([x, x + 0.1]) for x in AT))
+    moving = flown_of_arrays(FIELD, "v0", *(np.array([x, x + 0.1]) for x in AT))
     assert moving[:, 1] == pytest.approx(flown(FIELD, "v0", *(x + 0.1 for x in AT)), abs=0)
 
 
@@ -166,7 +162,7 @@ def test_a_flow_that_does_not_stay_finite():
     assert flown(field, "", 0.5, 0.0, 0.0, 1.0)[1] == pytest.approx(2.0, rel=1e-15)
     with pytest.raises(ArithmeticError, match="a flight"):
         flown(field, "", 1.5, 0.0, 0.0, 1.0)
-    found = integration.flown_of_arrays(field, "", np.array([0.5, 1.5]), 0.0, 0.0, np.ones(2))
+    found = flown_of_arrays(field, "", np.array([0.5, 1.5]), 0.0, 0.0, np.ones(2))
     assert np.isnan(found).tolist() == [[False, True], [False, True]]
 
 
@@ -240,10 +236,10 @@ def in_turn(field, names, rows):
 
 def test_flights_side_by_side_are_those_in_turn():
     rng = np.random.default_rng(0)
-    rows = np.array(AT) + rng.normal(scale=0.5, size=(integration.MANY + 3, len(AT)))
+    rows = np.array(AT) + rng.normal(scale=0.5, size=(MANY + 3, len(AT)))
     rows[:20, 0] *= -1.0
     rows[5, 0] = 0.0
-    found = integration.flown_of_arrays(FIELD, ALL, *rows.T)
+    found = flown_of_arrays(FIELD, ALL, *rows.T)
     expected = in_turn(FIELD, ALL, rows)
     assert not np.any(np.isnan(expected))
     assert found == pytest.approx(expected, rel=1e-13, abs=1e-14)
@@ -252,9 +248,9 @@ def test_flights_side_by_side_are_those_in_turn():
 def test_flights_beside_those_that_do_not_stay_finite():
     """Half of them fall to infinity on the way; they stop no other."""
     field, rng = text_of([], ["x0**3"]), np.random.default_rng(1)
-    rows = rng.normal(size=(2 * integration.MANY, 4)) * [2.0, 0.0, 2.0, 1.0]
+    rows = rng.normal(size=(2 * MANY, 4)) * [2.0, 0.0, 2.0, 1.0]
     rows[7, 2] = math.nan
-    found = integration.flown_of_arrays(field, "dt", *rows.T)
+    found = flown_of_arrays(field, "dt", *rows.T)
     expected = in_turn(field, "dt", rows)
     without = np.isnan(expected).any(axis=0)
     assert 20 < np.sum(without) < len(rows) - 20
@@ -323,15 +319,13 @@ def test_what_is_below_rounding_where_a_step_begins_is_met(kind):
     field = text_of([], [acceleration])
     assert integration.may_hide(field)
     assert list(flown(field, "", *given)) == expected
-    together = integration.flown_of_arrays(field, "v0", *np.tile(given, (integration.MANY, 1)).T)
+    together = flown_of_arrays(field, "v0", *np.tile(given, (MANY, 1)).T)
     assert all(list(flight[:2]) == expected for flight in together.T)
     real = integration._heyoka().real
     many = integrator(field, (), 0, 120)([real(number, 120) for number in given])
     assert list(map(float, many)) == expected
     length = given[0]
-    position, velocity = integration.IntegratedTrack(field, given[1:], length).at(
-        np.array([length])
-    )
+    position, velocity = IntegratedTrack(field, given[1:], length).at(np.array([length]))
     assert [(position[0, 0] - given[2]) / length, velocity[0, 0]] == expected
 
 

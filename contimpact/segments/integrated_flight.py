@@ -1,0 +1,181 @@
+"""Integrated flights as kernels call them: ``flown`` in floats, arrays, series and many digits.
+
+The field is that of `integration.text_of`; directions are among `Statement.names`, each of which
+has a number.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..arrays import Array
+from .compiling import load, mode, timed_plainly
+from .integrated_track import velocities_at
+from .integration import KEPT, batch_integrator, integrator, is_limited, real_number, statement
+from .taylor import flight_by_series, has_series
+
+if TYPE_CHECKING:
+    from .machine_code import Program
+
+TRIALS_APART = 0.7
+"""Part of the mean step to which another integration is held, to see how far results differ."""
+
+MANY = 64
+"""Flights at once, as in searches, from which they are integrated side by side; the number alone
+decides, so that results do not depend on what a process has done before."""
+
+
+def flown(field: str, directions: str, *numbers: float) -> Sequence[float]:
+    """Return mean and end velocities of a flight, and the same of their derivatives by each
+    direction.
+
+    The field is that of `text_of`; directions are among `Statement.names`, each of which has a
+    number.
+    """
+    return _flown(field, directions, numbers)
+
+
+@functools.lru_cache(KEPT)
+def _flown(field: str, directions: str, numbers: tuple[float, ...]) -> Sequence[float]:
+    return tuple(integrator(field, tuple(directions.split()))(numbers))
+
+
+def flown_of_series(field: str, directions: str, rows: Sequence[Sequence[Any]]) -> list[Any]:
+    """Return the same of truncated series, each row the coefficients of one.
+
+    Derivatives by the directions are known to the first order; beyond it they are numbers.
+    """
+    return _series_results(field, directions, rows, 0)
+
+
+def _series_results(
+    field: str, directions: str, rows: Sequence[Sequence[Any]], bits: int
+) -> list[Any]:
+    degree, by = len(rows[0]) - 1, tuple(directions.split())
+    if degree == 0 or (degree > 1 and by):
+        numbers = [row[0] for row in rows]
+        tables = [[x] for x in integrator(field, by, 0, bits)(numbers)]
+        if degree == 0:
+            return tables
+        values = integrator(field, (), degree, bits).of_series(rows)
+        return [*values, *tables[len(values) :]]
+    return integrator(field, by, degree, bits).of_series(rows)
+
+
+def flown_of_arrays(field: str, directions: str, *numbers: Any) -> Array:
+    """Return the same for arrays of numbers; results are along axis 0, NaN where there is none."""
+    given = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in numbers))
+    shape = given[0].shape
+    if not directions and not any(np.ndim(x) for x in numbers[1:]) and np.min(numbers[0]) >= 0.0:
+        return velocities_at(field, numbers[1:], given[0].ravel()).reshape(-1, *shape)
+    rows, by = np.column_stack([x.ravel() for x in given]), tuple(directions.split())
+    if len(rows) >= MANY:
+        found = batch_integrator(field, by).each(rows)
+    else:
+        found = integrator(field, by).each(rows)
+    return found.T.reshape(-1, *shape)
+
+
+def flown_of_states(field: str, directions: str, *numbers: Any) -> Array:
+    """Return the same without derivatives by parameters, which are put at zero."""
+    by, known = directions.split(), statement(field)
+    moved = [name for name in by if name not in known.parameters]
+    found = flown_of_arrays(field, " ".join(moved), *numbers)
+    rows = 2 * known.freedom * (len(by) - len(moved))
+    return np.concatenate([found, np.zeros((rows, *found.shape[1:]))])
+
+
+def rounding_scale(field: str, directions: str, numbers: Sequence[float], found: Array) -> Array:
+    """Return what the results of `flown` are rounded beside.
+
+    Beside the velocities there are, and beside what another integration, by other steps, is off.
+    """
+    function = integrator(field, tuple(directions.split()))
+    function(numbers)
+    steps = max(1, function.steps)
+    other = np.array(function(numbers, TRIALS_APART / steps))
+    d = statement(field).freedom
+    tables = np.abs(found).reshape(-1, d)
+    tables[:2] = np.max(np.abs([*tables[:2], numbers[2 + d : 2 + 2 * d]]), axis=0)
+    return math.sqrt(steps) * tables.ravel() + np.abs(found - other) / np.finfo(float).eps
+
+
+SCALAR: dict[str, Callable[..., Any]] = {"flown": flown, "flown_of_series": flown_of_series}
+ARRAY: dict[str, Callable[..., Any]] = {"flown": flown_of_arrays}
+STATES: dict[str, Callable[..., Any]] = {"flown": flown_of_states}
+
+
+def multiprecision_functions(ctx: Any) -> dict[str, Callable[..., Any]]:
+    """Return the same functions for the numbers of an mpmath context."""
+
+    def real(x: Any) -> Any:
+        return real_number(ctx.nstr(ctx.mpf(x), ctx.dps + 5, strip_zeros=False), ctx.prec)
+
+    def back(x: Any) -> Any:
+        return ctx.mpf(str(x))
+
+    def many(field: str, directions: str, *numbers: Any) -> list[Any]:
+        function = integrator(field, tuple(directions.split()), 0, ctx.prec)
+        return [back(x) for x in function([real(x) for x in numbers])]
+
+    def many_of_series(field: str, directions: str, rows: Sequence[Sequence[Any]]) -> list[Any]:
+        given = [[real(c) for c in row] for row in rows]
+        return [
+            [back(x) for x in row] for row in _series_results(field, directions, given, ctx.prec)
+        ]
+
+    return {"flown": many, "flown_of_series": many_of_series}
+
+
+# Flights whose derivatives change along a direction, one by one, where that is compiled.
+
+PAYS_AFTER = 0.3
+"""Seconds that heyoka has taken for a field after which compiling pays: it takes about as long."""
+
+
+def flown_along(field: str, directions: str, rows: Sequence[Sequence[float]]) -> list[Any]:
+    """Return what `integration.flown_of_series` does for series to the first order; by compiled
+    code if that is there or pays, and steps are not counted."""
+    identity = ALONG, field, directions
+
+    def build() -> Program:
+        return _program(field, directions)
+
+    wanted = mode() != "never" and has_series(field) and not is_limited()
+    fast = load(identity, "fff", build, PAYS_AFTER) if wanted else None
+    if fast is None:
+        with timed_plainly(identity):
+            return flown_of_series(field, directions, rows)
+    given = np.array(rows, dtype=float).T.ravel()
+    space = np.empty(flight_by_series(field, directions, along=True).space)
+    found = np.empty(4 * statement(field).freedom * (1 + len(directions.split())))
+    fast(given, space, found)
+    if not np.all(np.isfinite(found)):
+        raise OverflowError("a flight does not stay finite")
+    return found.reshape(2, -1).T.tolist()
+
+
+ALONG = "flown along"
+"""Begins the identity of the programs of `flown_along`."""
+
+
+def _program(field: str, directions: str) -> Program:
+    from .machine_code import Program
+
+    size = len(statement(field).names)
+    given = ", ".join(f"x[{i}]" for i in range(2 * size))
+    program = Program({})
+    text = f"""
+def entry(x, space, out):
+    found = flight({given}, space)
+    for i in range(len(out)):
+        out[i] = found[i]
+    return 0
+"""
+    program.glue(text, flight=flight_by_series(field, directions, along=True).function)
+    return program
