@@ -1,7 +1,8 @@
 """Integrated flights as kernels call them: ``flown`` in floats, arrays, series and many digits.
 
 The field is that of `integration.text_of`; directions are among `Statement.names`, each of which
-has a number.
+has a number. heyoka integrates, or a compiled program by the same steps where one is there or pays:
+for laws whose steps are compared with the force, and for derivatives that change along a direction.
 """
 
 from __future__ import annotations
@@ -16,7 +17,16 @@ import numpy as np
 from ..arrays import Array
 from .compiling import load, mode, timed_plainly
 from .integrated_track import velocities_at
-from .integration import KEPT, batch_integrator, integrator, is_limited, real_number, statement
+from .integration import (
+    KEPT,
+    SOME_STEPS,
+    batch_integrator,
+    integrator,
+    is_limited,
+    may_hide,
+    real_number,
+    statement,
+)
 from .taylor import flight_by_series, has_series
 
 if TYPE_CHECKING:
@@ -30,19 +40,24 @@ MANY = 64
 decides, so that results do not depend on what a process has done before."""
 
 
+PAYS_AFTER = 0.3
+"""Seconds that heyoka has taken for a field after which compiling pays: it takes about as long."""
+
+
 def flown(field: str, directions: str, *numbers: float) -> Sequence[float]:
     """Return mean and end velocities of a flight, and the same of their derivatives by each
-    direction.
-
-    The field is that of `text_of`; directions are among `Statement.names`, each of which has a
-    number.
-    """
+    direction."""
     return _flown(field, directions, numbers)
 
 
 @functools.lru_cache(KEPT)
 def _flown(field: str, directions: str, numbers: tuple[float, ...]) -> Sequence[float]:
-    return tuple(integrator(field, tuple(directions.split()))(numbers))
+    if may_hide(field):
+        found = _run_program(field, directions, np.array([numbers]))
+        if found is not None and np.isfinite(found).all():
+            return tuple(found[0].tolist())
+    with timed_plainly(_identity(field, directions)):
+        return tuple(integrator(field, tuple(directions.split()))(numbers))
 
 
 def flown_of_series(field: str, directions: str, rows: Sequence[Sequence[Any]]) -> list[Any]:
@@ -67,27 +82,48 @@ def _series_results(
     return integrator(field, by, degree, bits).of_series(rows)
 
 
+def flown_along(field: str, directions: str, rows: Sequence[Sequence[float]]) -> list[Any]:
+    """Return what `flown_of_series` does for series to the first order."""
+    found = _run_program(field, directions, np.array(rows, dtype=float).T.reshape(1, -1), True)
+    if found is not None and np.isfinite(found).all():
+        return found.reshape(2, -1).T.tolist()
+    with timed_plainly(_identity(field, directions, True)):
+        return flown_of_series(field, directions, rows)
+
+
 def flown_of_arrays(field: str, directions: str, *numbers: Any) -> Array:
     """Return the same for arrays of numbers; results are along axis 0, NaN where there is none."""
-    given = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in numbers))
-    shape = given[0].shape
-    if not directions and not any(np.ndim(x) for x in numbers[1:]) and np.min(numbers[0]) >= 0.0:
-        return velocities_at(field, numbers[1:], given[0].ravel()).reshape(-1, *shape)
-    rows, by = np.column_stack([x.ravel() for x in given]), tuple(directions.split())
-    if len(rows) >= MANY:
-        found = batch_integrator(field, by).each(rows)
-    else:
-        found = integrator(field, by).each(rows)
-    return found.T.reshape(-1, *shape)
+    return _flown_of_arrays(field, directions, directions, *numbers)
 
 
 def flown_of_states(field: str, directions: str, *numbers: Any) -> Array:
     """Return the same without derivatives by parameters, which are put at zero."""
     by, known = directions.split(), statement(field)
     moved = [name for name in by if name not in known.parameters]
-    found = flown_of_arrays(field, " ".join(moved), *numbers)
+    found = _flown_of_arrays(field, directions, " ".join(moved), *numbers)
     rows = 2 * known.freedom * (len(by) - len(moved))
     return np.concatenate([found, np.zeros((rows, *found.shape[1:]))])
+
+
+def _flown_of_arrays(field: str, directions: str, wanted: str, *numbers: Any) -> Array:
+    """The same with the derivatives that are wanted, by the first of the directions."""
+    given = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in numbers))
+    shape = given[0].shape
+    if not wanted and not any(np.ndim(x) for x in numbers[1:]) and np.min(numbers[0]) >= 0.0:
+        return velocities_at(field, numbers[1:], given[0].ravel()).reshape(-1, *shape)
+    rows, by = np.column_stack([x.ravel() for x in given]), tuple(wanted.split())
+    size = 2 * statement(field).freedom * (1 + len(by))
+    found, left = np.full((len(rows), size), np.nan), np.isfinite(rows).all(axis=1)
+    if may_hide(field):
+        compiled = _run_program(field, directions, rows)
+        if compiled is not None:
+            found = compiled[:, :size]
+            left &= ~np.isfinite(found).all(axis=1)
+    if left.any():
+        made = batch_integrator if len(rows) >= MANY else integrator
+        with timed_plainly(_identity(field, directions)):
+            found[left] = made(field, by).each(rows[left])
+    return found.T.reshape(-1, *shape)
 
 
 def rounding_scale(field: str, directions: str, numbers: Sequence[float], found: Array) -> Array:
@@ -132,50 +168,51 @@ def multiprecision_functions(ctx: Any) -> dict[str, Callable[..., Any]]:
     return {"flown": many, "flown_of_series": many_of_series}
 
 
-# Flights whose derivatives change along a direction, one by one, where that is compiled.
-
-PAYS_AFTER = 0.3
-"""Seconds that heyoka has taken for a field after which compiling pays: it takes about as long."""
+# Compiled programs of single flights.
 
 
-def flown_along(field: str, directions: str, rows: Sequence[Sequence[float]]) -> list[Any]:
-    """Return what `integration.flown_of_series` does for series to the first order; by compiled
-    code if that is there or pays, and steps are not counted."""
-    identity = ALONG, field, directions
-
-    def build() -> Program:
-        return _program(field, directions)
-
-    wanted = mode() != "never" and has_series(field) and not is_limited()
-    fast = load(identity, "fff", build, PAYS_AFTER) if wanted else None
-    if fast is None:
-        with timed_plainly(identity):
-            return flown_of_series(field, directions, rows)
-    given = np.array(rows, dtype=float).T.ravel()
-    space = np.empty(flight_by_series(field, directions, along=True).space)
-    found = np.empty(4 * statement(field).freedom * (1 + len(directions.split())))
-    fast(given, space, found)
-    if not np.all(np.isfinite(found)):
-        raise OverflowError("a flight does not stay finite")
-    return found.reshape(2, -1).T.tolist()
+def _identity(field: str, directions: str, along: bool = False) -> tuple[str, ...]:
+    return ALONG if along else FLOWN, field, directions
 
 
-ALONG = "flown along"
-"""Begins the identity of the programs of `flown_along`."""
+FLOWN, ALONG = "flown", "flown along"
+"""Begin the identities of programs: of flights, and of those whose numbers change along a
+direction."""
 
 
-def _program(field: str, directions: str) -> Program:
+def _run_program(field: str, directions: str, rows: Array, along: bool = False) -> Array | None:
+    """The results of flights, a row each, by a compiled program, if that is there or pays.
+
+    They are NaN where a flight does not stay finite or takes more than `SOME_STEPS`. Steps are not
+    counted: where they are, no program runs.
+    """
+    if mode() == "never" or not has_series(field) or is_limited():
+        return None
+    identity = _identity(field, directions, along)
+    run = load(identity, "fff", lambda: _program(field, directions, along), PAYS_AFTER)
+    if run is None:
+        return None
+    space = np.empty(flight_by_series(field, directions, along, SOME_STEPS).space)
+    sides = 2 if along else 1
+    size = 2 * sides * statement(field).freedom * (1 + len(directions.split()))
+    found = np.empty((len(rows), size))
+    for row, results in zip(np.ascontiguousarray(rows), found, strict=True):
+        run(row, space, results)
+    return found
+
+
+def _program(field: str, directions: str, along: bool) -> Program:
     from .machine_code import Program
 
-    size = len(statement(field).names)
-    given = ", ".join(f"x[{i}]" for i in range(2 * size))
+    size = len(statement(field).names) * (2 if along else 1)
     program = Program({})
     text = f"""
 def entry(x, space, out):
-    found = flight({given}, space)
+    found = flight({", ".join(f"x[{i}]" for i in range(size))}, space)
     for i in range(len(out)):
         out[i] = found[i]
     return 0
 """
-    program.glue(text, flight=flight_by_series(field, directions, along=True).function)
+    function = flight_by_series(field, directions, along, SOME_STEPS).function
+    program.glue(text, flight=function)
     return program

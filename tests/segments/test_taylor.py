@@ -10,9 +10,15 @@ import mpmath
 import numpy as np
 import pytest
 
-from contimpact.segments import compiling, taylor
+from contimpact.segments import compiling, integrated_flight, taylor
 from contimpact.segments.bounded import many_digits
-from contimpact.segments.integrated_flight import flown, flown_along
+from contimpact.segments.integrated_flight import (
+    SOME_STEPS,
+    flown,
+    flown_along,
+    flown_of_arrays,
+    flown_of_states,
+)
 from contimpact.segments.integrated_track import IntegratedTrack
 from contimpact.segments.integration import integrator, statement, text_of
 from contimpact.segments.machine_code import Program
@@ -119,6 +125,34 @@ def test_series_by_compiled_code_are_heyokas(kernel_cache, monkeypatch):
     assert not np.array_equal(found[0], found[1])  # another code
     with pytest.raises(OverflowError, match="finite"):
         flown_along("a: x0**2 + a", "dt", [[x, 0.0] for x in (3.0, 0.0, 1.0, 1.0, 1.0)])
+
+
+@needs_llvmlite
+def test_flights_that_are_compared_with_the_force_are_heyokas_by_compiled_code(
+    kernel_cache, monkeypatch
+):
+    """Alone, of arrays, and of states; where compiled code has no result, they are heyoka's."""
+    field, directions, given = "a: -a*tanh(30*x0)", "v0 a", [2.0, 0.3, 0.6, -1.5, 1.0]
+    rows = np.array(given) + np.random.default_rng(2).normal(scale=0.1, size=(5, len(given)))
+    rows[1, 0] = np.nan
+    found = []
+    for mode, most in [("never", SOME_STEPS), ("always", SOME_STEPS), ("always", 2)]:
+        monkeypatch.setenv("CONTIMPACT_COMPILED", mode)
+        monkeypatch.setattr(integrated_flight, "SOME_STEPS", most)
+        if most == 2:
+            compiling._LOADED.clear()
+            monkeypatch.setattr(integrated_flight, "FLOWN", "flown in two steps")
+        integrated_flight._flown.cache_clear()
+        alone = flown(field, directions, *given)
+        many, states = (
+            function(field, directions, *rows.T) for function in (flown_of_arrays, flown_of_states)
+        )
+        found.append(np.hstack([np.array(alone)[:, None], many, states]))
+    plainly, compiled, left = found
+    assert np.isnan(plainly[0, [2, 7]]).all()
+    assert compiled == pytest.approx(plainly, rel=1e-12, abs=1e-13, nan_ok=True)
+    assert not np.array_equal(compiled, plainly, equal_nan=True)
+    assert np.array_equal(left, plainly, equal_nan=True)
 
 
 @pytest.mark.parametrize("dt", [60.0, -30.0])
