@@ -225,12 +225,24 @@ def _compile_program(
     """Compile a program, and store its machine code in the cache if that can be written."""
     import tempfile
 
-    from .machine_code import object_code
-
     began = time.perf_counter()
     logger(__name__).info("compiling %s", name)
     try:
-        machine_code = object_code(build(), arguments)
+        program = build()
+        if folder is not None:
+            try:
+                _compile_parts(program, arguments, folder, name)
+            except OSError as error:
+                logger(__name__).warning("compiled code is not cached: %s", error)
+                folder = None
+        with contextlib.ExitStack() as stack:
+            if folder is None:
+                temporary = tempfile.TemporaryDirectory(
+                    prefix="contimpact-", ignore_cleanup_errors=True
+                )
+                folder = Path(stack.enter_context(temporary))
+                _compile_parts(program, arguments, folder, name)
+            found = _load_cached(folder, name, arguments)
     except Exception as error:  # of whatever kind: what runs plainly must not end because of it
         if mode() == "always":
             raise
@@ -239,16 +251,21 @@ def _compile_program(
         _EXPECTED[0] = -math.inf
         return None
     logger(__name__).info("compiled %s in %.1f s", name, time.perf_counter() - began)
-    if folder is not None:
-        try:
-            put_with_digest(folder / f"{name}.o", machine_code)
-        except OSError as error:
-            logger(__name__).warning("compiled code is not cached: %s", error)
-        else:
-            return _load_cached(folder, name, arguments)
-    with tempfile.TemporaryDirectory(prefix="contimpact-", ignore_cleanup_errors=True) as place:
-        put_with_digest(Path(place) / f"{name}.o", machine_code)
-        return _load_cached(Path(place), name, arguments)
+    return found
+
+
+def _compile_parts(program: Program, arguments: str, folder: Path, name: str) -> None:
+    """Store the machine code of a program's modules, and which they are; that of a module which
+    another program has, too, is there already."""
+    from .machine_code import modules, object_code
+
+    parts = []
+    for module in modules(program, arguments):
+        digest = hashlib.sha256("\0".join((module, *_compiler())).encode()).hexdigest()
+        parts.append(f"part-{digest[:24]}.o")
+        if not is_intact(folder / parts[-1]):
+            put_with_digest(folder / parts[-1], object_code(module))
+    put_with_digest(folder / f"{name}.parts", "\n".join(parts).encode())
 
 
 _LOADED: dict[tuple[str, ...], CompiledProgram] = {}
@@ -261,6 +278,16 @@ def _machine() -> tuple[str, ...]:
     return _own_files(), sys.platform, platform.machine(), processor()
 
 
+@functools.cache
+def _compiler() -> tuple[str, ...]:
+    """What the machine code of a module depends on besides its text: how LLVM is called, and for
+    which system and processor."""
+    from importlib.metadata import version
+
+    caller = (Path(__file__).parent / "machine_code.py").read_text()
+    return caller, version("llvmlite"), *_machine()[1:]
+
+
 def _own_files() -> str:
     """Digest of the package's source files, from which programs are made."""
     digest = hashlib.sha256()
@@ -270,7 +297,7 @@ def _own_files() -> str:
 
 
 def _load_cached(folder: Path, name: str, arguments: Sequence[str]) -> CompiledProgram | None:
-    """Load machine code from the cache: a shared library, or an object file through LLVM."""
+    """Load machine code from the cache: a shared library, or object files through LLVM."""
     import ctypes
 
     kinds = [
@@ -278,9 +305,12 @@ def _load_cached(folder: Path, name: str, arguments: Sequence[str]) -> CompiledP
         for argument in arguments
         for kind in (ctypes.c_void_p, *[ctypes.c_int64] * (2 if argument == TABLE else 1))
     ]
-    library, machine_code = folder / f"{name}.so", folder / f"{name}.o"
-    if is_intact(machine_code) and not is_intact(library):
-        _link(machine_code, library)
+    library, parts = folder / f"{name}.so", list[Path]()
+    if not is_intact(library):
+        parts = _parts_of(folder, name)
+        if not parts:
+            return None
+        _link(parts, library)
     if is_intact(library):
         try:
             loaded = ctypes.CDLL(str(library))
@@ -290,25 +320,35 @@ def _load_cached(folder: Path, name: str, arguments: Sequence[str]) -> CompiledP
         else:
             function.argtypes, function.restype = kinds, ctypes.c_int64
             return CompiledProgram(function, loaded)
-    if importlib.util.find_spec("llvmlite") is None or not is_intact(machine_code):
+    if importlib.util.find_spec("llvmlite") is None:
         return None
-    return _load_by_llvm(machine_code, kinds)
+    parts = parts or _parts_of(folder, name)
+    return _load_by_llvm(parts, kinds) if parts else None
 
 
-def _link(machine_code: Path, library: Path) -> None:
+def _parts_of(folder: Path, name: str) -> list[Path]:
+    """The object files of a program; none if one of them is not there as it was written."""
+    listed = folder / f"{name}.parts"
+    if not is_intact(listed):
+        return []
+    parts = [folder / part for part in load_file(listed).decode().split()]
+    return parts if all(map(is_intact, parts)) else []
+
+
+def _link(parts: Sequence[Path], library: Path) -> None:
     """Make a shared library if the machine has a linker."""
     from .machine_code import link
 
     try:
-        content = link(machine_code)
+        content = link(parts)
         if content is not None:
             put_with_digest(library, content)
     except OSError as error:
         logger(__name__).info("%s is not made: %s", library, error)
 
 
-def _load_by_llvm(path: Path, kinds: Sequence[Any]) -> CompiledProgram:
-    """Load an object file without a linker."""
+def _load_by_llvm(parts: Sequence[Path], kinds: Sequence[Any]) -> CompiledProgram:
+    """Load object files without a linker."""
     import ctypes
 
     import llvmlite.binding as llvm
@@ -317,7 +357,8 @@ def _load_by_llvm(path: Path, kinds: Sequence[Any]) -> CompiledProgram:
     llvm.initialize_native_asmprinter()
     machine = llvm.Target.from_default_triple().create_target_machine()
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
-    engine.add_object_file(llvm.ObjectFileRef.from_path(str(path)))
+    for part in parts:
+        engine.add_object_file(llvm.ObjectFileRef.from_path(str(part)))
     engine.finalize_object()
     address = engine.get_function_address(ENTRY)
     return CompiledProgram(ctypes.CFUNCTYPE(ctypes.c_int64, *kinds)(address), engine)

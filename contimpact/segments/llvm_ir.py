@@ -5,12 +5,16 @@ views of arrays, and functions, which are known while translating. Types of vari
 all that is assigned to them, where a whole number joined with a float is a float. Arithmetic is
 that of Python on doubles, operation by operation, but for a division by zero, which is infinite or
 no number.
+
+A program is as many modules as its functions come from files, and one of those that are written for
+a model: the others are the same for many models, and compiled once.
 """
 
 from __future__ import annotations
 
 import ast
 import functools
+import hashlib
 import math
 import struct
 from collections.abc import Callable, Mapping, Sequence
@@ -132,6 +136,21 @@ ORDER: dict[type, tuple[str, str]] = {
 }
 
 
+class Part(NamedTuple):
+    """A function as LLVM's code: its signature, how it is defined, what it calls and declares."""
+
+    signature: str
+    """The type of the result, the name, and the types of the arguments with their names."""
+    declaration: str
+    """The same without names of arguments."""
+    lines: tuple[str, ...]
+    inline: bool
+    """Whether it becomes part of its callers; it calls no other then."""
+    calls: frozenset[str]
+    outside: frozenset[str]
+    """Declarations of what is in no program, and definitions of tables of constants."""
+
+
 class Translation:
     """The functions of the text of a `machine_code.Program`, translated as they are called."""
 
@@ -146,9 +165,9 @@ class Translation:
         self.constants: dict[str, Any] = {}
         exec(compile(ast.Module(rest, []), "<contimpact program>", "exec"), self.constants)
         self.found: dict[tuple[str, tuple[Any, ...]], tuple[str, Any]] = {}
-        self.parts: list[str] = []
-        self.declared: set[str] = set()
-        self.tables: dict[str, str] = {}
+        self.parts: dict[str, Part] = {}
+        self.names: dict[str, str] = {}
+        """The functions' names in the text by those in LLVM's code."""
 
     def function(self, name: str, types: tuple[Any, ...]) -> tuple[str, Any]:
         """The LLVM name and the type of the result of a function for arguments of these types."""
@@ -158,23 +177,27 @@ class Translation:
             while widened:
                 body = Body(self, self.trees[name], types, known)
                 lines, known, widened = body.translate(), body.known, body.widened
-            own = f"@f{len(self.found)}_{name}"
-            result, leaves = known.get(RESULT, NOTHING), leaf_types(known.get(RESULT, NOTHING))
-            part_of_callers = len(body.lines) <= SHORT and not body.calls_others
-            how = "nounwind alwaysinline" if part_of_callers else "nounwind"
-            head = f"define internal fastcc {_struct(leaves)} {own}({body.arguments}) {how} {{"
-            self.parts.append("\n".join([head, *lines, "}"]))
-            self.found[name, types] = own, result
+            like = sum(other == name for other in self.names.values())
+            own = f"@f_{name}_{like}"
+            result = known.get(RESULT, NOTHING)
+            kinds = ", ".join(leaf for of in types for leaf in leaf_types(of))
+            head = f"fastcc {_struct(leaf_types(result))} {own}"
+            inline = len(body.lines) <= SHORT and not body.calls
+            self.parts[own] = Part(
+                f"{head}({body.arguments})",
+                f"{head}({kinds})",
+                tuple(lines),
+                inline,
+                frozenset(body.calls),
+                frozenset(body.outside),
+            )
+            self.names[own], self.found[name, types] = name, (own, result)
         return self.found[name, types]
 
-    def table(self, of: str, numbers: Sequence[str]) -> str:
-        """The name of a table of constants."""
-        items = ", ".join(f"{of} {number}" for number in numbers)
-        text = f"private unnamed_addr constant [{len(numbers)} x {of}] [{items}]"
-        return self.tables.setdefault(text, f"@t{len(self.tables)}")
-
-    def module(self, arguments: str) -> str:
-        """The whole module, whose entry takes arrays of these kinds: pointers and sizes."""
+    def modules(self, arguments: str, origins: Mapping[str, str] | None = None) -> list[str]:
+        """The modules of the program, one for each of the origins of its functions; the first has
+        the entry, which takes arrays of these kinds, as pointers and sizes, and the functions that
+        have no origin."""
         types, names, at = [], [], 0
         for kind in arguments:
             types.append(ViewType(*POINTERS[kind]))
@@ -188,8 +211,35 @@ class Translation:
   %r = call fastcc i64 {name}({", ".join(names)})
   ret i64 %r
 }}"""
-        tables = [f"{name} = {text}" for text, name in self.tables.items()]
-        return "\n\n".join([*sorted(self.declared), *tables, *self.parts, entry]) + "\n"
+        parts: dict[str, list[str]] = {"": []}
+        for part, own in self.names.items():
+            parts.setdefault((origins or {}).get(own, ""), []).append(part)
+        first = self._module(parts.pop(""), entry)
+        others = [some for _, some in sorted(parts.items())]
+        return [first, *(self._module(o) for o in others if not all(map(self._is_inline, o)))]
+
+    def _is_inline(self, part: str) -> bool:
+        return self.parts[part].inline
+
+    def _module(self, own: Sequence[str], *entry: str) -> str:
+        """A module of some of the functions."""
+        called = {other for part in own for other in self.parts[part].calls}
+        lent = {
+            other for part, found in self.parts.items() if part not in own for other in found.calls
+        }
+        written = sorted({*own, *filter(self._is_inline, called)})
+        outside = {text for part in written for text in self.parts[part].outside}
+        lacking = sorted(called - {*written})
+        declared = [f"declare hidden {self.parts[part].declaration}" for part in lacking]
+        texts = []
+        for part in written:
+            found = self.parts[part]
+            linkage = "hidden" if part in lent and not found.inline else "internal"
+            how = "nounwind alwaysinline" if found.inline else "nounwind"
+            texts.append(
+                "\n".join([f"define {linkage} {found.signature} {how} {{", *found.lines, "}"])
+            )
+        return "\n\n".join([*sorted(outside), *declared, *texts, *entry]) + "\n"
 
 
 SHORT = 300
@@ -228,8 +278,10 @@ class Body:
         self.functions: dict[str, Value] = {}
         self.count = 0
         self.live = True
-        self.calls_others = False
-        """Whether it calls functions of the program."""
+        self.calls: set[str] = set()
+        """The functions of the program that it calls."""
+        self.outside: set[str] = set()
+        """Declarations and tables of constants that it needs."""
         self.loops: list[tuple[str, str]] = []
         names = [argument.arg for argument in tree.args.args]
         if len(names) != len(types):
@@ -626,7 +678,11 @@ class Body:
     def _column(self, leaf: str, numbers: Sequence[str]) -> str:
         """The address of numbers side by side; constants are stored once for all calls."""
         if not any(number.startswith("%") for number in numbers):
-            return self.program.table(leaf, numbers)
+            items = ", ".join(f"{leaf} {number}" for number in numbers)
+            text = f"private unnamed_addr constant [{len(numbers)} x {leaf}] [{items}]"
+            name = f"@t_{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+            self.outside.add(f"{name} = {text}")
+            return name
         table = self._slot(f"[{len(numbers)} x {leaf}]")
         for i, number in enumerate(numbers):
             self._do(f"store {leaf} {number}, ptr {self._at(leaf, table, str(i))}")
@@ -760,12 +816,12 @@ class Body:
         else:
             raise NotImplementedError(f"{name} is called in {self.tree.name}")
         pure = "" if name in INTRINSICS else " nounwind memory(none)"
-        self.program.declared.add(f"declare double {own}({kinds}){pure}")
+        self.outside.add(f"declare double {own}({kinds}){pure}")
         return Value("double", (self._put(f"call double {own}({', '.join(numbers)})"),))
 
     def _call_own(self, name: str, given: Sequence[Value]) -> Value:
-        self.calls_others = True
         own, result = self.program.function(name, tuple(value.type for value in given))
+        self.calls.add(own)
         numbers = ", ".join(
             f"{leaf} {number}"
             for value in given
@@ -816,7 +872,7 @@ class Body:
         (value,) = given
         if value.type != "double":
             return self._as(value, "i64")
-        self.program.declared.add("declare i64 @llvm.fptosi.sat.i64.f64(double)")
+        self.outside.add("declare i64 @llvm.fptosi.sat.i64.f64(double)")
         whole = self._put(f"call i64 @llvm.fptosi.sat.i64.f64(double {value.leaves[0]})")
         return Value("i64", (whole,))
 
@@ -834,10 +890,13 @@ OPERATIONS: dict[str, Callable[[Body, Sequence[Value]], Value]] = {
 """Functions of Python."""
 
 
-def intermediate_code(text: str, arguments: str) -> str:
-    """Return the module of a program whose entry is the function ``entry``, in plain Python.
+def intermediate_code(
+    text: str, arguments: str, origins: Mapping[str, str] | None = None
+) -> list[str]:
+    """Return the modules of a program whose entry is the function ``entry``, in plain Python.
 
-    `arguments` are the kinds of the entry's arguments. Raises NotImplementedError for what is not
-    in the subset.
+    `arguments` are the kinds of the entry's arguments. The first module holds the entry and the
+    functions without an origin, there is another for each of the `origins` of the others. Raises
+    NotImplementedError for what is not in the subset.
     """
-    return Translation(text).module(arguments)
+    return Translation(text).modules(arguments, origins)

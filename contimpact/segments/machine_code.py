@@ -15,6 +15,8 @@ from ..storage import temporary_beside
 from ..syntax import parse
 from .llvm_ir import intermediate_code
 
+PACKAGE = __name__.partition(".")[0]
+
 # Programs: functions in the plain subset of Python with all they call, as one text.
 #
 # The subset: floats, whole numbers, tuples of them, vectors that are indexed, `math`, loops and
@@ -28,6 +30,9 @@ class Program:
         self.instead = instead
         self.names: dict[int, str] = {}
         self.parts: dict[str, str] = {}
+        self.origins: dict[str, str] = {}
+        """The modules of the package that functions are from; kernels and what is glued in are
+        written for a model."""
 
     def add(self, function: Callable[..., Any], name: str | None = None) -> str:
         """Add a function with everything it calls; returns the name it has in the text."""
@@ -36,6 +41,8 @@ class Program:
             return self.names[id(function)]
         name = self._free_name(name or function.__name__)
         self.names[id(function)] = name
+        if (function.__module__ or "").startswith(f"{PACKAGE}."):
+            self.origins[name] = function.__module__
         tree = _tree_of(function)
         tree.name = name
         known = _Names(self, _surroundings(function), _locals_of(tree))
@@ -147,16 +154,21 @@ class _Names(ast.NodeTransformer):
         return node
 
 
-def object_code(program: Program, arguments: str) -> bytes:
-    """Return the machine code of a program whose entry is the function ``entry``, with arguments of
-    these kinds.
+def modules(program: Program, arguments: str) -> list[str]:
+    """Return LLVM's code of a program whose entry is the function ``entry``, with arguments of
+    these kinds, as modules that are compiled by themselves; see `intermediate_code`.
 
     Raises NotImplementedError for a program outside the subset.
     """
+    return intermediate_code(program.text, arguments, program.origins)
+
+
+def object_code(module: str) -> bytes:
+    """Return the machine code of LLVM's code."""
     import llvmlite.binding as llvm
 
-    module = llvm.parse_assembly(intermediate_code(program.text, arguments))
-    module.verify()
+    parsed = llvm.parse_assembly(module)
+    parsed.verify()
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     cpu, features = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
@@ -168,12 +180,12 @@ def object_code(program: Program, arguments: str) -> bytes:
     options.inlining_threshold = 0  # but for what is called once, and what `llvm_ir` marks
     options.loop_unrolling = options.loop_vectorization = False  # loops are short
     builder = llvm.create_pass_builder(machine, options)
-    builder.getModulePassManager().run(module, builder)
-    return bytes(machine.emit_object(module))
+    builder.getModulePassManager().run(parsed, builder)
+    return bytes(machine.emit_object(parsed))
 
 
-def link(path: Path) -> bytes | None:
-    """Return an object file linked into a shared library; None if there is no linker.
+def link(paths: Sequence[Path]) -> bytes | None:
+    """Return object files linked into a shared library; None if there is no linker.
 
     Raises OSError if the linker fails.
     """
@@ -183,10 +195,10 @@ def link(path: Path) -> bytes | None:
     linker = next((found for name in ("cc", "gcc", "clang") if (found := shutil.which(name))), None)
     if linker is None:
         return None
-    folder = temporary_beside(path)
+    folder = temporary_beside(paths[0])
     folder.mkdir(0o700)
     library = folder / "library.so"
-    command = [linker, "-shared", "-o", str(library), str(path), "-lm"]
+    command = [linker, "-shared", "-o", str(library), *map(str, paths), "-lm"]
     try:
         subprocess.check_output(command, stderr=subprocess.STDOUT, timeout=PATIENCE)
         return library.read_bytes()

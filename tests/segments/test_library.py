@@ -6,6 +6,7 @@ import importlib.util
 import logging
 import math
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -26,6 +27,7 @@ from contimpact.errors import InputError
 from contimpact.models.word import parse_word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.segments import compiling as module
+from contimpact.segments import machine_code
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.machine_code import Program
 from contimpact.systems.soft_stop import SoftStop
@@ -321,11 +323,9 @@ def test_without_a_linker_machine_code_is_loaded_through_llvm(plain_and_compiled
     plain_and_compiled(lambda: backend_of(problem, ()).compiled())
     intact = module.is_intact
     monkeypatch.setattr(module, "_LOADED", {})
-    monkeypatch.setattr(module, "is_intact", lambda path: path.suffix == ".o" and intact(path))
-    model = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.34)
-    plain, fast = plain_and_compiled(lambda: walks(model, "BT", "s", (0.3, 0.4)))
-    for one, other in zip(plain, fast, strict=True):
-        same(one, other)
+    monkeypatch.setattr(module, "is_intact", lambda path: path.suffix != ".so" and intact(path))
+    monkeypatch.setattr(module, "_link", lambda parts, library: None)
+    run_again(plain_and_compiled)
 
 
 @pytest.fixture
@@ -371,6 +371,31 @@ def test_a_lost_or_damaged_library_is_linked_again(copied, plain_and_compiled, d
 
 
 @needs_llvmlite
+def test_what_models_share_is_compiled_once(copied, monkeypatch):
+    """The functions of each file of the package are one module, those of a model another."""
+    made = []
+    compiled = machine_code.object_code
+    monkeypatch.setattr(machine_code, "object_code", lambda m: made.append(m) or compiled(m))
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
+    model = ImpactPair(beta=0.3, r=0.3, A=5.0, s=0.34, forcing="cos(pi*t) + cos(3*pi*t)/9")
+    problem = OrbitProblem(model, parse_word("BT", "BT"), Kernels(model, "s"))
+    assert backend_of(problem, ()).compiled() is not None
+    (text,) = made
+    assert re.search(r"^define .* @f_flight_B_T_0\(", text, re.MULTILINE)
+    assert re.search(r"^declare .* @f_take_steps_0\(", text, re.MULTILINE)
+
+
+@needs_llvmlite
+@pytest.mark.parametrize("lost", ["*.parts", "part-*.o"])
+@pytest.mark.full
+def test_lost_parts_are_made_again(copied, plain_and_compiled, lost):
+    for path in [*copied.glob(lost), *libraries(copied)]:
+        path.unlink()
+    run_again(plain_and_compiled)
+    assert any(map(module.is_intact, copied.glob(lost)))
+
+
+@needs_llvmlite
 @pytest.mark.skipif(sys.platform == "win32", reason="a script as linker")
 @pytest.mark.parametrize("script", ["no script", "#!/bin/sh\nexit 0\n", "#!/bin/sh\nexit 1\n"])
 def test_a_broken_linker_does_no_harm(copied, plain_and_compiled, tmp_path, monkeypatch, script):
@@ -389,10 +414,7 @@ def test_a_broken_linker_does_no_harm(copied, plain_and_compiled, tmp_path, monk
 @pytest.mark.full
 def test_a_cache_that_cannot_be_written(copied, plain_and_compiled, monkeypatch, caplog):
     """The code is kept for the process, in a place of its own."""
-    codes = [path.read_bytes() for path in sorted(copied.glob("compiled-*.o"))]
-    monkeypatch.setattr("contimpact.segments.machine_code.object_code", lambda *given: codes[0])
-    for path in copied.glob("compiled-*"):
-        path.unlink()
+    before = sorted(copied.iterdir())
     intact = files.store_file
 
     def refuse(path, content):
@@ -403,9 +425,9 @@ def test_a_cache_that_cannot_be_written(copied, plain_and_compiled, monkeypatch,
     monkeypatch.setattr(files, "store_file", refuse)
     monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
     with caplog.at_level(logging.WARNING):
-        assert backend_of(problem_of(), ()).compiled() is not None
+        assert load_small() is not None
     assert "not cached: read-only" in caplog.text
-    assert not list(copied.glob("compiled-*"))
+    assert sorted(copied.iterdir()) == before
 
 
 @pytest.mark.full
