@@ -61,8 +61,7 @@ def scene(tmp_path):
 def results(tmp_path_factory):
     folder = tmp_path_factory.mktemp("folder")
     (folder / "scene.toml").write_text(SCENE, encoding="utf-8")
-    command = [sys.executable, "-m", "contimpact", "run", str(folder / "scene.toml")]
-    subprocess.run([*command, "-o", str(folder / "out"), "-q"], check=True)
+    assert run("run", folder / "scene.toml", "-o", folder / "out", "-q") == 0
     return folder / "out"
 
 
@@ -609,13 +608,22 @@ def test_a_mark_that_cannot_be_made_leaves_everything_as_it_is(out, monkeypatch)
 # Going on with rows
 
 
-@pytest.fixture
-def rows(scene, tmp_path):
-    """A finished simulation's scene and rows."""
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory):
+    """A scene, and the folder of its finished simulation."""
+    folder = tmp_path_factory.mktemp("simulated")
     text = SCENE + SIMULATE + 'direction = "both"\nstarts = 2\n'
-    path, folder = scene(text), tmp_path / "out"
-    assert run("simulate", path, "-o", folder, "-q", "--no-plot") == 0
-    return path, folder / ROWS
+    (folder / "scene.toml").write_text(text, encoding="utf-8")
+    order = ["simulate", folder / "scene.toml", "-o", folder / "out", "-q", "--no-plot"]
+    assert run(*order) == 0
+    return folder
+
+
+@pytest.fixture
+def rows(simulated, tmp_path):
+    """Copies of that scene and of its rows."""
+    copied = Path(shutil.copytree(simulated, tmp_path / "simulated"))
+    return str(copied / "scene.toml"), copied / "out" / ROWS
 
 
 def resumed(path, file):
