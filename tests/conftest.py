@@ -31,7 +31,8 @@ DECIDING = {"continuation", "bifurcations", "orbits", "diagrams"}
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection():
-    """No garbage is looked for in what is imported and collected, which stays."""
+    """No garbage is looked for in what is imported and collected, which stays, and seldom later."""
+    gc.set_threshold(50_000, 20, 20)
     gc.disable()
     try:
         return (yield)
