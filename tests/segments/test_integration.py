@@ -312,6 +312,7 @@ def flight_by_runge_kutta(acceleration, given):
 
 
 @pytest.mark.parametrize("kind", HIDDEN)
+@pytest.mark.quick(3)
 def test_what_is_below_rounding_where_a_step_begins_is_met(kind):
     """Alone, side by side, in many digits, and as polynomials."""
     acceleration, given = HIDDEN[kind]
