@@ -36,6 +36,7 @@ def once(found: Walk, way: float):
 
 @pytest.mark.parametrize("direction", [1, -1])
 @pytest.mark.parametrize("turn", np.linspace(-0.12, 0.12, 13).tolist())
+@pytest.mark.quick(14)
 def test_a_loop_that_begins_beside_a_fold_is_gone_round_once(turn, direction):
     """A step over the fold may end where the parameter is as it was before it."""
     start = [math.sin(turn), math.cos(turn)]
@@ -46,6 +47,7 @@ def test_a_loop_that_begins_beside_a_fold_is_gone_round_once(turn, direction):
 
 @pytest.mark.parametrize("direction", [1, -1])
 @pytest.mark.parametrize("turn", np.linspace(-1.5, 4.7, 32).tolist())
+@pytest.mark.quick(16)
 def test_a_requested_value_at_the_start_is_found_once(turn, direction):
     """The circle has each value twice, once where it begins."""
     value = math.sin(turn)
