@@ -49,6 +49,18 @@ def fig7():
 
 
 @pytest.fixture(scope="module")
+def drawn(fig7):
+    """Its diagram, for all who look at it alone."""
+    return plot_diagram(fig7)
+
+
+@pytest.fixture(scope="module")
+def enlarged(fig7):
+    """A part of it, along the capsule's length."""
+    return plot_diagram(fig7, x="d", xlim=(0.13, 0.25))
+
+
+@pytest.fixture(scope="module")
 def stop():
     return follow(scene_of("stop", events=["FB", "PD", "V"]))
 
@@ -88,14 +100,13 @@ def labels_of(ax):
 # A figure
 
 
-def test_figure_from_fig7(fig7):
-    ax = plot_diagram(fig7)
-    assert isinstance(ax, matplotlib.axes.Axes)
-    assert isinstance(ax.figure, Figure)
-    assert ax.get_xlabel() == "$s$"
-    assert "velocity" in ax.get_ylabel()
-    assert len(curves(ax)) >= 2 + 3
-    low, high = ax.get_xlim()
+def test_figure_from_fig7(drawn):
+    assert isinstance(drawn, matplotlib.axes.Axes)
+    assert isinstance(drawn.figure, Figure)
+    assert drawn.get_xlabel() == "$s$"
+    assert "velocity" in drawn.get_ylabel()
+    assert len(curves(drawn)) >= 2 + 3
+    low, high = drawn.get_xlim()
     assert low < 0.08 < 0.99 < high
 
 
@@ -199,8 +210,8 @@ def test_styles_differ_without_colour():
     assert dotted[0] < dotted[1]
 
 
-def test_all_three_styles_are_in_fig7(fig7):
-    assert {style_of(line) for line in curves(plot_diagram(fig7))} == set(STYLES) - {"unknown"}
+def test_all_three_styles_are_in_fig7(drawn):
+    assert {style_of(line) for line in curves(drawn)} == set(STYLES) - {"unknown"}
 
 
 @pytest.mark.full
@@ -220,11 +231,10 @@ def test_status_changes_at_the_event(fig7):
 
 
 @pytest.mark.full
-def test_walls_have_colours_of_their_own(fig7):
-    ax = plot_diagram(fig7)
-    colours = {to_hex(line.get_color()) for line in curves(ax)}
+def test_walls_have_colours_of_their_own(drawn):
+    colours = {to_hex(line.get_color()) for line in curves(drawn)}
     assert colours == {colour.lower() for colour in COLOURS[:2]}
-    texts = [text.get_text() for text in ax.get_legend().get_texts()]
+    texts = [text.get_text() for text in drawn.get_legend().get_texts()]
     assert {"wall B", "wall T", "stable", "unstable", "unphysical"} <= set(texts)
 
 
@@ -239,23 +249,22 @@ def test_unphysical_orbits_can_be_left_out(fig7, choice):
 # Events
 
 
-def test_ghosts_are_hollow(fig7):
-    ax = plot_diagram(fig7)
+def test_ghosts_are_hollow(fig7, drawn):
     expected = []
     for entry in fig7.entries:
         places = [(i["wall"], i["velocity"]) for i in entry.impacts]
         places += [(entry.wall, 0.0)] if entry.kind == "G" else []
         expected += [(MARKERS[entry.kind], entry.value, speed, entry.ghost) for _, speed in places]
-    drawn = []
-    for line in marks(ax):
+    found = []
+    for line in marks(drawn):
         face = line.get_markerfacecolor()
         hollow = face == "white"
         assert hollow or to_rgb(face) == to_rgb(line.get_color())
         assert to_rgb(line.get_markeredgecolor()) == to_rgb(line.get_color())
         (x,), (y,) = line.get_data()
-        drawn.append((line.get_marker(), x, y, hollow))
-    assert sorted(drawn) == sorted(expected)
-    assert {hollow for *_, hollow in drawn} == {True, False}
+        found.append((line.get_marker(), x, y, hollow))
+    assert sorted(found) == sorted(expected)
+    assert {hollow for *_, hollow in found} == {True, False}
 
 
 def test_kinds_have_markers_of_their_own():
@@ -263,8 +272,8 @@ def test_kinds_have_markers_of_their_own():
     assert len({*MARKERS.values(), kind_of("a user's own").look.marker}) == len(MARKERS) + 1
 
 
-def test_legend_names_the_kinds_shown(fig7):
-    texts = [t.get_text() for t in plot_diagram(fig7).get_legend().get_texts()]
+def test_legend_names_the_kinds_shown(drawn):
+    texts = [t.get_text() for t in drawn.get_legend().get_texts()]
     assert {"FB", "PD", "G"} <= set(texts)
     assert any("ghost" in text for text in texts)
     assert "UZ" not in texts
@@ -286,10 +295,9 @@ def plain(text):
     return re.sub(r"\\mathrm\{(\w+)\}", r"\1", text).replace("\\,", "").strip("$")
 
 
-def test_labels_as_in_table_1(fig7):
+def test_labels_as_in_table_1(enlarged):
     """G with the old count below and the new one above; a tilde over ghosts."""
-    ax = plot_diagram(fig7, x="d", xlim=(0.13, 0.25))
-    assert sorted(map(plain, labels_of(ax))) == sorted(
+    assert sorted(map(plain, labels_of(enlarged))) == sorted(
         [r"\widetilde{PD}$(2:1)", r"G_{2:1}^{3:1}", r"\widetilde{G}_{1:1}^{2:1}", "FB", "PD$(1:1)"]
     )
 
@@ -315,16 +323,15 @@ def test_label_text(fig7, kind, ghost, label, wanted):
     assert plain(text) == wanted
 
 
-def test_labels_stand_over_their_value_and_apart(fig7):
-    ax = plot_diagram(fig7, x="d", xlim=(0.13, 0.25))
-    ax.figure.draw_without_rendering()
+def test_labels_stand_over_their_value_and_apart(fig7, enlarged):
+    enlarged.figure.draw_without_rendering()
     values = {round(e.parameters["d"], 9) for e in fig7.entries}
     boxes = []
-    for text in labels(ax):
+    for text in labels(enlarged):
         assert round(text.xy[0], 9) in values
         boxes.append(Text.get_window_extent(text))
     for i, box in enumerate(boxes):
-        assert box.y0 >= ax.get_window_extent().y1
+        assert box.y0 >= enlarged.get_window_extent().y1
         for other in boxes[i + 1 :]:
             assert not box.overlaps(other)
 
@@ -388,7 +395,8 @@ def test_velocities_in_sight_set_the_limits(fig7):
     ],
 )
 def test_x_label(fig7, options, label):
-    assert plot_diagram(fig7, **options).get_xlabel() == label
+    first = Diagram("first", fig7.branches[:1])
+    assert plot_diagram(first, **options).get_xlabel() == label
 
 
 # Extremes
