@@ -54,6 +54,12 @@ def pytest_collection_modifyitems(items):
                 item.add_marker("full")
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item):
+    """Branches of a test that is marked as corrupting are not checked."""
+    invariants.Watch.on = item.get_closest_marker("corrupting") is None
+
+
 @pytest.fixture(scope="session", autouse=True)
 def kernel_cache(pytestconfig):
     """One cache of kernels for all tests, workers and runs; ``--cache-clear`` empties it.
@@ -74,13 +80,6 @@ def branches_keep_their_invariants():
     with pytest.MonkeyPatch.context() as patch:
         invariants.watch(patch)
         yield
-
-
-@pytest.fixture(autouse=True)
-def corrupting(request, monkeypatch):
-    """Branches of a test so marked are not checked."""
-    if request.node.get_closest_marker("corrupting"):
-        monkeypatch.setattr(invariants.Watch, "on", False)
 
 
 @pytest.fixture
