@@ -72,6 +72,7 @@ def test_balance_two_masses():
         assert work == pytest.approx(damping + ci.losses(orbit).per_time, rel=1e-12)
 
 
+@pytest.mark.full
 def test_balance_of_contacts():
     """What the shaking and the weight give is what the membranes' dampers take, the only loss."""
     given = {"r": 0.3, "A": 5.0, "s": 0.39, "k": 500.0, "m": 0.004, "M": 0.1245}

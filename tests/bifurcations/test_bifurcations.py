@@ -634,7 +634,7 @@ STOPS = [
 
 
 @pytest.mark.parametrize(("omega", "zeta", "r"), STOPS)
-@pytest.mark.quick(5)
+@pytest.mark.quick(3)
 def test_the_steady_response_grazes_the_stop(omega, zeta, r):
     """sigma_G = 1/sqrt((1 - omega^2)^2 + (2 zeta omega)^2), measured to 3e-15."""
     grazing = 1.0 / math.hypot(1.0 - omega**2, 2.0 * zeta * omega)

@@ -416,7 +416,8 @@ def test_every_scene_with_a_simulation_has_it_exported():
     assert [name for name in NAMES if scene(name).simulate is not None] == SIMULATED
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [*(name for name in NAMES if name not in MAPS), *MAPS])
+@pytest.mark.quick(len(NAMES) - len(MAPS))
 def test_branch_tables_and_the_catalogue_hold_the_same_entries(name):
     """Each is read without the other."""
     told = {entry.id: entry for entry in load_entries(FOLDER / name)}

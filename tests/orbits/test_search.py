@@ -610,7 +610,7 @@ def test_an_orbit_without_impacts_is_found_in_any_units(per_second, per_metre):
 @pytest.mark.parametrize(
     ("per_second", "per_metre"), [(600.0, 1e-3), (1e6, 1.0), (1e-3, 1e3), (1.0, 1e-6)]
 )
-@pytest.mark.quick(3)
+@pytest.mark.quick(2)
 def test_nonlinear_orbits_are_found_in_any_units(word, per_second, per_metre, monkeypatch):
     """Neither what is drawn nor what is the same orbit rests on the units; nor does what makes a
     flight a long one, of which the search of `0` met a hundred where omega was 14."""

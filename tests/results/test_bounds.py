@@ -186,6 +186,7 @@ def test_dotted_keys_as_they_are(tmp_path):
     ],
     ids=lambda text: text[:12],
 )
+@pytest.mark.quick(10)
 def test_files_that_could_take_long(tmp_path, text):
     loaded(tmp_path, text)
 

@@ -491,6 +491,7 @@ def test_gaps_of_pair_orbits(pair, kernels_of, word, given):
         ("cos(pi*t+0.3)+sin(4*pi*t)/5-1/8", "2:1"),
     ],
 )
+@pytest.mark.quick(3)
 def test_gaps_with_several_harmonics(pair, kernels_of, forcing, word):
     model = pair(forcing=forcing, d=0.15, r=0.4)
     found = find_orbits(model, word, kernels=kernels_of(model, "s"), starts=64)

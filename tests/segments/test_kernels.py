@@ -217,7 +217,7 @@ def first_rows(blocks):
         ("r_T", {"r_B": 0.2, "r_T": 0.9}, PAIR_KINDS),
     ],
 )
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 def test_first_derivatives_of_the_pair(pair, exact, kernels_of, parameter, given, kinds):
     """Measured: errors of 1.0e-14 of the largest derivative in the row."""
     model = pair(**given)

@@ -465,6 +465,7 @@ def test_an_orbit_that_sticks_twice_is_that_of_dop853():
 
 
 @pytest.mark.parametrize("ends", ["UD", "DU"])
+@pytest.mark.quick(1)
 def test_a_flight_is_integrated_once_however_its_start_is_written(ends):
     """The reset's linear combinations can be factored in several ways."""
     kernels = Kernels(shipped("impact_duffing"), "omega")
