@@ -10,6 +10,7 @@ import gc
 import math
 import os
 from collections import Counter
+from functools import cache
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # workers share the cores; NumPy reads it once
@@ -18,6 +19,7 @@ import invariants
 import mpmath as mp
 import pytest
 from exact_flights import FORCINGS, exact_flight
+from matplotlib.backends import backend_agg
 
 from contimpact.models.word import parse_word
 from contimpact.orbits.problem import OrbitProblem
@@ -72,6 +74,14 @@ def kernel_cache(pytestconfig):
         patch.setenv("CONTIMPACT_CACHE", str(folder))
         patch.setenv("CONTIMPACT_COMPILED", "never")
         yield folder
+
+
+@pytest.fixture(scope="session", autouse=True)
+def formulas_are_set_once():
+    """Matplotlib would set each formula anew in every figure."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(backend_agg, "MathTextParser", cache(backend_agg.MathTextParser))
+        yield
 
 
 @pytest.fixture(scope="session", autouse=True)
