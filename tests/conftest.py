@@ -19,7 +19,6 @@ import invariants
 import mpmath as mp
 import pytest
 from exact_flights import FORCINGS, exact_flight
-from matplotlib.backends import backend_agg
 
 from contimpact.models.word import parse_word
 from contimpact.orbits.problem import OrbitProblem
@@ -79,6 +78,8 @@ def kernel_cache(pytestconfig):
 @pytest.fixture(scope="session", autouse=True)
 def formulas_are_set_once():
     """Matplotlib would set each formula anew in every figure."""
+    from matplotlib.backends import backend_agg
+
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(backend_agg, "MathTextParser", cache(backend_agg.MathTextParser))
         yield

@@ -395,7 +395,7 @@ def test_the_core_runs_without_the_optional_packages(tmp_path):
     shutil.copytree(PACKAGE, tmp_path / "contimpact", ignore=left_out)
     scene = ROOT / "branches" / "fig7" / "scene.toml"
     order = [sys.executable, "-m", "contimpact", "run", scene, "-o", tmp_path / "out"]
-    apart = os.environ | {"PYTHONPATH": str(tmp_path), "CONTIMPACT_CACHE": str(tmp_path / "cache")}
+    apart = os.environ | {"PYTHONPATH": str(tmp_path)}
     done = subprocess.run(order, cwd=tmp_path, env=apart, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert "G[2:1->3:1] e5 to FB e4" in done.stdout

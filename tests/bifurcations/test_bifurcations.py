@@ -320,6 +320,7 @@ def test_nothing_else_is_found_in_figures_7_and_8(figure, word, kinds):
 
 @pytest.mark.parametrize("figure", [7, 8])
 @pytest.mark.parametrize("word", ["1:1", "2:1"])
+@pytest.mark.quick(2)
 def test_errors_of_located_parameters_are_honest(figure, word):
     """Against the same equations solved at 40 digits from the plain formulas.
 

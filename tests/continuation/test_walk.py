@@ -486,6 +486,7 @@ def test_on_an_imperfect_pitchfork_the_walk_stays_on_its_piece(size, sign, max_s
 
 @pytest.mark.parametrize("max_step", [0.02, 0.1, 0.3])
 @pytest.mark.parametrize("size", [1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8])
+@pytest.mark.quick(9)
 def test_the_other_piece_of_an_imperfect_pitchfork_has_a_fold(size, max_step):
     """It comes down x = sqrt(p) and turns back at p = 3 (e/2)^(2/3) to go along x = e/p."""
     found = follow(
@@ -596,6 +597,7 @@ def parallel(distance, height=0.3):
     ("distance", "points"),  # measured: 40, 40, 43, 53, 82, 216
     [(1e-1, 50), (3e-2, 50), (1e-2, 60), (3e-3, 80), (1e-3, 120), (1e-4, 300)],
 )
+@pytest.mark.quick(10)
 def test_the_walk_does_not_change_to_a_parallel_branch(distance, points, number):
     offset = number * distance
     found = follow(parallel(distance), [offset, 0.0], tests=[Turning(), Crossing()])

@@ -59,7 +59,7 @@ def relative(found, exact):
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5, 8, 31, 200])
 @pytest.mark.parametrize("m", [2, 4])
-@pytest.mark.quick(9)
+@pytest.mark.quick(8)
 def test_well_conditioned_cycles(m, count):
     """Measured, up to 200 flights: 3.8e-14, next to a double multiplier; else 1e-14."""
     rng = np.random.default_rng(count)

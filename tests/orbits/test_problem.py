@@ -353,6 +353,7 @@ def test_repetitions_are_recognised(pair, kernels_of):
 @pytest.mark.parametrize(
     "given", [{"d": 0.12484, "A": 12.466, "r": 0.25}, {"d": 0.115, "r_B": 0.25, "r_T": 0.4}]
 )
+@pytest.mark.quick(7)
 def test_invariants_of_the_pair(pair, kernels_of, given, word):
     """sum (1 + r_k) v_k = gbar p T and det = prod r_k^2, physical orbits or not.
 

@@ -231,6 +231,7 @@ def test_first_derivatives_of_the_pair(pair, exact, kernels_of, parameter, given
 
 @pytest.mark.parametrize("c", DAMPINGS)
 @pytest.mark.parametrize("parameter", ["omega", "c", "k"])
+@pytest.mark.quick(9)
 def test_first_derivatives_of_the_oscillator(oscillator, exact, kernels_of, parameter, c):
     """Measured: errors of 4.4e-14 of the largest derivative in the row, for starts below 2."""
     model = oscillator(c=c)

@@ -83,7 +83,7 @@ def flown_plainly(field, directions, numbers):
 
 @pytest.mark.parametrize("field", FIELDS)
 @pytest.mark.parametrize("dt", [5.0, 0.0, 1e-9, 0.7, -1.5])
-@pytest.mark.quick(2 * len(FIELDS))
+@pytest.mark.quick(len(FIELDS) + 2)
 def test_flights_and_derivatives_are_those_in_many_digits(field, dt):
     directions, numbers = directions_of(field), numbers_for(field, dt, 7)
     exact = many_digits(CTX).names["flown"](field, directions, *numbers)

@@ -185,7 +185,7 @@ def test_what_is_not_resolved_is_left_to_the_automaton(simulators, monkeypatch):
 
 @needs_llvmlite
 @pytest.mark.parametrize("name", ["complex", "hybrid, position", "sticking"])
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 def test_many_runs_at_once_are_those_alone(simulators, plain_and_compiled, name):
     """In threads, some of them left to Python, and plainly."""
     simulator = simulators(name)
