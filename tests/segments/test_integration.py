@@ -14,7 +14,7 @@ from contimpact.errors import InputError
 from contimpact.models.model import Formulas
 from contimpact.models.nonlinear import Nonlinear
 from contimpact.orbits.search import find_orbits
-from contimpact.segments import integration, kernels
+from contimpact.segments import integrated_flight, integration, kernels
 from contimpact.segments.arithmetic import ARRAYS, evaluate_in
 from contimpact.segments.bounded import BOUNDED, BoundedNumber, many_digits
 from contimpact.segments.checking import check_model
@@ -262,7 +262,7 @@ def test_flights_beside_those_that_do_not_stay_finite():
 def test_searches_find_the_same_side_by_side(monkeypatch):
     model = Pendulum(a=1.0, omega=1.2, c=0.1, sigma=0.3, r=0.8)
     together = find_orbits(model, "S", parameter="omega")
-    monkeypatch.setattr(integration, "MANY", 10**9)
+    monkeypatch.setattr(integrated_flight, "MANY", 10**9)
     alone = find_orbits(model, "S", parameter="omega")
     assert len(together) == len(alone) == 6
     for one, other in zip(together, alone, strict=True):
