@@ -36,9 +36,8 @@ TRIALS_APART = 0.7
 """Part of the mean step to which another integration is held, to see how far results differ."""
 
 MANY = 64
-"""Flights at once, as in searches, from which they are integrated side by side; the number alone
-decides, so that results do not depend on what a process has done before."""
-
+"""Flights at once, as in searches, from which heyoka integrates them side by side; the number alone
+decides, not what a process has done before."""
 
 PAYS_AFTER = 0.3
 """Seconds that heyoka has taken for a field after which compiling pays: it takes about as long."""
