@@ -14,11 +14,11 @@ from functools import partial
 
 import numpy as np
 import sympy
-from scipy.integrate import solve_ivp
+from scipy.integrate import ode, solve_ivp
 from scipy.optimize import brentq, minimize_scalar
 
-TIGHT = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13, "dense_output": True}
-FAST = {**TIGHT, "dense_output": False}
+ERRORS = {"rtol": 1e-12, "atol": 1e-13}
+TIGHT = {"method": "DOP853", "dense_output": True} | ERRORS
 NEAR = 1e-8
 """Gaps and rates nearer to zero than this decide nothing."""
 STEP = 3e-4
@@ -177,10 +177,10 @@ class Walker:
         def function(text, mode=None):
             state = ["t", *self.modes[mode]] if mode else []
             given = [names[n] for n in [*self.parameters, *state]]
-            return sympy.lambdify(given, sympy.sympify(str(text), locals=names), "math")
+            return sympy.lambdify(given, sympy.sympify(text, locals=names), "math")
 
         self.formulas = {
-            mode: [function(text, mode) for text in laws.values()]
+            mode: function([str(text) for text in laws.values()], mode)
             for mode, laws in table["modes"].items()
         }
         self.surfaces, self.forcing = {}, function(table["period"])
@@ -190,7 +190,7 @@ class Walker:
                 if sign in guard["within"]:
                     left, right = guard["within"].split(sign)
                     text = f"({left}) - ({right})" if sign == "<=" else f"({right}) - ({left})"
-            change = {n: function(e, mode) for n, e in guard.get("set", {}).items()}
+            change = {n: function(str(e), mode) for n, e in guard.get("set", {}).items()}
             past = guard.get("past", "")
             self.surfaces[name] = Surface(
                 name, mode, guard["to"], past, function(text, mode), change
@@ -199,7 +199,7 @@ class Walker:
     def at(self, values):
         """The motion at parameter values."""
         found, p = copy.copy(self), [values[name] for name in self.parameters]
-        found.laws = {m: [partial(law, *p) for law in laws] for m, laws in self.formulas.items()}
+        found.laws = {mode: partial(law, *p) for mode, law in self.formulas.items()}
         found.guards = {
             name: replace(
                 one,
@@ -212,8 +212,8 @@ class Walker:
         return found
 
     def field(self, mode):
-        laws = self.laws[mode]
-        return lambda t, y: [law(t, *y) for law in laws]
+        law = self.laws[mode]
+        return lambda t, y: law(t, *y)
 
     def after(self, name, t, y):
         """The state in the next mode."""
@@ -223,13 +223,11 @@ class Walker:
         return [float(changed.get(n, before.get(n, math.nan))) for n in self.modes[guard.to]]
 
     def flown(self, mode, t, y, end):
-        """The state at a time, earlier or later."""
+        """The state at a time, earlier or later; a flight that fails warns, which is an error."""
         if end == t:
             return np.array(y)
-        found = solve_ivp(self.field(mode), (t, end), y, **FAST)
-        if not found.success:
-            raise ArithmeticError(found.message)
-        return found.y[:, -1]
+        flying = ode(self.field(mode)).set_integrator("dop853", nsteps=100_000, **ERRORS)
+        return flying.set_initial_value(y, t).integrate(end)
 
     def flight(self, left, right, t, y, arrival):
         """A flight after a guard, to where the next one's surface is reached near a time."""
@@ -454,5 +452,5 @@ class Between:
             return None
         try:
             return self.orbit(brentq(value, 0.0, 1.0, xtol=1e-13))[-1]
-        except (ArithmeticError, ValueError, TypeError, np.linalg.LinAlgError):
+        except (ArithmeticError, ValueError, TypeError, UserWarning, np.linalg.LinAlgError):
             return math.nan

@@ -109,6 +109,7 @@ class Compared:
     def __init__(self):
         self.counts, self.wrong, self.undecided = Counter(), [], []
         self.farthest = Counter()
+        self.walker = None
 
     def scene(self, seed):
         table = random_scene(seed)
@@ -120,6 +121,7 @@ class Compared:
             self.counts["scenes without an orbit"] += 1
             return
         self.counts["scenes"] += 1
+        self.walker = Walker(table["model"])
         self.counts["branches"] += len(diagram.branches)
         for branch in diagram.branches:
             rows = range(0, len(branch), EVERY)
@@ -127,12 +129,12 @@ class Compared:
                 if branch.between[row]:
                     continue
                 here = f"{table['name']}, {branch.id} {branch.word}, row {row}"
-                self.orbit(table, branch, branch.orbit(row), branch["physical"][row] == 1, here)
+                self.orbit(branch, branch.orbit(row), branch["physical"][row] == 1, here)
             for event in branch.events:
                 self.event(table, branch, event)
 
-    def orbit(self, table, branch, orbit, physical, here):
-        walker = Walker(table["model"]).at(orbit.model.values)
+    def orbit(self, branch, orbit, physical, here):
+        walker = self.walker.at(orbit.model.values)
         word, span = branch.word, float(orbit.problem.span(orbit.unknowns))
         impacts = impacts_of(orbit.model, word, orbit, walker)
         flights, open_by = walker.orbit(word, impacts, span)
@@ -180,7 +182,7 @@ class Compared:
             self.counts["events at ends"] += 1
             return
         rows = int(before[-1]), int(after[0])
-        sides = [self.walked(table, branch, row) for row in rows]
+        sides = [self.walked(branch, row) for row in rows]
         word, walker = branch.word, sides[0][1]
         orbit, parameter = branch.orbit(event.id), event.parameter
         span = float(orbit.problem.span(orbit.unknowns))
@@ -218,10 +220,10 @@ class Compared:
             if bool(judged[0][0]) == bool(judged[1][0]):
                 self.wrong.append(f"{here}: on both sides {judged}")
 
-    def walked(self, table, branch, place):
+    def walked(self, branch, place):
         """The flights of an orbit, walked."""
         orbit = branch.orbit(place)
-        walker = Walker(table["model"]).at(orbit.model.values)
+        walker = self.walker.at(orbit.model.values)
         impacts = impacts_of(orbit.model, branch.word, orbit, walker)
         flights, _ = walker.orbit(branch.word, impacts, float(orbit.problem.span(orbit.unknowns)))
         return flights, walker, impacts, orbit
