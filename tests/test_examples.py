@@ -1,4 +1,4 @@
-"""The examples: each listed, each with the line that runs it; what runs them all is the CI."""
+"""The examples: each listed, each with the line that runs it; what runs them all is the site."""
 
 from __future__ import annotations
 
@@ -22,11 +22,6 @@ def test_an_example_says_how_it_is_run(path):
     text = ast.get_docstring(ast.parse(path.read_text("utf-8")))
     assert text.splitlines()[0].endswith((".", "?"))
     assert f"python examples/{path.name}" in text
-
-
-def test_the_ci_runs_them_all():
-    text = (ROOT / ".ci" / "run").read_text("utf-8")
-    assert "for example in examples/*.py; do" in text
 
 
 def test_the_site_shows_and_runs_them_all():
