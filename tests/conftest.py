@@ -75,6 +75,14 @@ def kernel_cache(pytestconfig):
         yield folder
 
 
+@pytest.fixture(scope="module")
+def compiled_where_it_pays(kernel_cache):
+    """A module's long motion is compiled where that pays; it is the same to the last bit."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("CONTIMPACT_COMPILED", "auto")
+        yield
+
+
 @pytest.fixture(scope="session", autouse=True)
 def formulas_are_set_once():
     """Matplotlib would set each formula anew in every figure."""

@@ -53,6 +53,8 @@ from contimpact.simulation.transitions import explain_transition, transitions_be
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.soft_stop import SoftStop
 
+pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
+
 FIG7 = 0.355220528250598985031742370212
 """s of the crisis of Fig. 7."""
 STOP = {"a": 1.0, "omega": 1.3, "c": 0.1, "k": 1.0, "e": 0.5, "k_b": 20.0, "c_b": 0.3}
@@ -552,9 +554,8 @@ def test_bands_that_become_fewer_show_an_interior_crisis(window, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_sweep_shows_an_interior_crisis(window, monkeypatch):
+def test_a_sweep_shows_an_interior_crisis(window):
     """That of `interior`, which is checked by flights in 30 digits."""
-    monkeypatch.setenv("CONTIMPACT_COMPILED", "auto")
     (found,) = find_crises(window, Diagram("none", []))
     assert isinstance(found, Crisis)
     assert (found.label, found.type) == ("CR[1:1/C|1:1/6T]", "interior")
@@ -596,10 +597,7 @@ def before_many(beta, r, word, start):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("beta", "r", "word", "start", "lasts", "left"), MANY)
-def test_the_nearest_of_many_tangencies_is_the_crisis(
-    beta, r, word, start, lasts, left, monkeypatch
-):
-    monkeypatch.setenv("CONTIMPACT_COMPILED", "auto")
+def test_the_nearest_of_many_tangencies_is_the_crisis(beta, r, word, start, lasts, left):
     orbit, motion = before_many(beta, r, word, start)
     found = approach_crisis(orbit, motion, 40_000, smooth=True)
     assert isinstance(found, Crisis)
@@ -610,9 +608,8 @@ def test_the_nearest_of_many_tangencies_is_the_crisis(
 
 
 @pytest.mark.slow
-def test_motion_that_leaves_before_a_tangency_shows_the_nearer_one(monkeypatch):
+def test_motion_that_leaves_before_a_tangency_shows_the_nearer_one():
     """Beyond the crisis and before the tangency: the motion that leaves has its path."""
-    monkeypatch.setenv("CONTIMPACT_COMPILED", "auto")
     beta, r, word, start, lasts, _ = MANY[-1]
     orbit, motion = before_many(beta, r, word, start)
     there = at(orbit, 18.6974789)
