@@ -16,6 +16,8 @@ from mutations import toml
 import contimpact as ci
 from contimpact.results.scene import read_scene
 
+pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
+
 SCENE = {
     "name": "harvester",
     "model": {

@@ -18,6 +18,8 @@ from contimpact.simulation.simulator import Simulator
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.two_masses import TwoMasses
 
+pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
+
 
 def physical(s=0.3556, word="2:1"):
     model = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=s)
@@ -75,9 +77,8 @@ def test_where_nothing_else_attracts_there_is_no_boundary():
 
 
 @pytest.mark.full
-def test_of_several_coordinates(monkeypatch):
+def test_of_several_coordinates():
     """All coordinates are moved; just inside the distance motion leads back, as a run shows."""
-    monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
     orbits = find_orbits(TwoMasses(**TWO_MASSES), "A", parameter="omega")
     orbit = next(o for o in orbits if o.stable and o.physical)
     found = integrity(orbit, directions=8)

@@ -142,7 +142,8 @@ def test_exponents_of_several_coordinates_against_many_digits(c, lost):
 @pytest.mark.full
 def test_exponents_of_any_motion_have_liouvilles_sum(c):
     """Also where the derivatives of flights are rounding."""
-    orbit, simulator = stiff(c), Simulator(stiff(c).model)
+    orbit = stiff(c)
+    simulator = Simulator(orbit.model)
     begin = simulator.state("S", orbit.times[0], 0.9 * orbit.velocities[0])
     found = exponents_of(simulator, begin, simulator.run(begin, impacts=30))
     per_impact = c * found.periods * 2.0 * math.pi / found.impacts
