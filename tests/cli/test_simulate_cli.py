@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
+import functools
 import json
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -17,6 +19,8 @@ from contimpact.diagrams import scene_simulation
 from contimpact.errors import InputError
 from contimpact.results.result_folder import ROWS, WRITTEN, own_files
 from contimpact.results.scene import read_scene
+
+pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
 
 SCENE = SMALL.replace('["PD", "G"]', '["FB", "PD", "G"]')
 SCENE += """[plot]
@@ -46,6 +50,21 @@ def scene_file(tmp_path):
 
 def run(*arguments):
     return cli.main(["simulate", *map(str, arguments)])
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory):
+    """``simulated(text)``: the folder of a run of a scene, made once."""
+
+    @functools.cache
+    def result(text):
+        folder = tmp_path_factory.mktemp("simulated")
+        path = folder / "scene.toml"
+        path.write_text(text, encoding="utf-8")
+        assert run(path, "-o", folder / "out", "--no-plot", "-q") == 0
+        return folder / "out"
+
+    return result
 
 
 def table(path):
@@ -183,11 +202,10 @@ def test_an_interruption_is_named_with_its_place(
 
 @pytest.mark.parametrize("after", [2, 9, 14])
 @pytest.mark.full
-def test_interrupted_and_resumed(scene_file, tmp_path, monkeypatch, capsys, after):
+def test_interrupted_and_resumed(scene_file, simulated, tmp_path, monkeypatch, capsys, after):
     """Stopped after some rows, or after the sweeps, and resumed: the same bytes as in one go."""
-    path = scene_file(SCENE + "starts = 2\n")
-    whole, parts = tmp_path / "whole", tmp_path / "parts"
-    assert run(path, "-o", whole, "--no-plot", "-q") == 0
+    text = SCENE + "starts = 2\n"
+    path, whole, parts = scene_file(text), simulated(text), tmp_path / "parts"
     kept = scene_simulation.Checkpoint._append
     made = []
 
@@ -212,9 +230,8 @@ def test_interrupted_and_resumed(scene_file, tmp_path, monkeypatch, capsys, afte
 
 
 @pytest.mark.full
-def test_a_finished_run_is_resumed_without_work(scene_file, tmp_path, monkeypatch):
-    path, out = scene_file(), tmp_path / "out"
-    assert run(path, "-o", out, "--no-plot", "-q") == 0
+def test_a_finished_run_is_resumed_without_work(scene_file, simulated, tmp_path, monkeypatch):
+    path, out = scene_file(), shutil.copytree(simulated(SCENE), tmp_path / "out")
     before = {name: (out / name).read_bytes() for name in TABLES}
 
     def forbidden(*_):
@@ -227,9 +244,8 @@ def test_a_finished_run_is_resumed_without_work(scene_file, tmp_path, monkeypatc
 
 
 @pytest.mark.full
-def test_another_scene_is_not_resumed(scene_file, tmp_path, capsys):
-    out = tmp_path / "out"
-    assert run(scene_file(), "-o", out, "--no-plot", "-q") == 0
+def test_another_scene_is_not_resumed(scene_file, simulated, tmp_path, capsys):
+    out = shutil.copytree(simulated(SCENE), tmp_path / "out")
     other = scene_file(SCENE.replace("r = 0.3", "r = 0.31"))
     assert run(other, "-o", out, "--no-plot", "-q", "--resume") == 2
     assert "another scene" in capsys.readouterr().err

@@ -112,7 +112,7 @@ def test_what_was_found_before_an_interruption_is_kept_and_marked(at, kinds):
 def test_a_command_asked_to_end_writes_what_it_found(tmp_path, number):
     file, table = tmp_path / "scene.toml", tmp_path / "found.csv"
     margins = [1.0 + 0.001 * k for k in range(200)]
-    file.write_text(toml(scene(margins=margins)), encoding="utf-8")
+    file.write_text(toml(scene(margins=margins, tolerances={"s": "2%"})), encoding="utf-8")
     command = [sys.executable, "-m", "contimpact", "design", str(file), "-o", str(table)]
     streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     with subprocess.Popen(command, **streams) as process:
@@ -157,7 +157,7 @@ def test_limits():
 
 @pytest.mark.full
 def test_what_cannot_be_is_said():
-    nothing = ci.design(scene(margin=1000.0))
+    nothing = ci.design(scene(margin=1000.0, bounds={"s": [0.25, 0.42]}, tolerances={"s": "2%"}))
     assert nothing.best is None
     assert "No orbit satisfies the constraints" in repr(nothing)
     none = ci.design({**scene(), "follow": {**SCENE["follow"], "orbits": ["7:2"]}})
