@@ -25,6 +25,8 @@ from contimpact.simulation.simulator import Simulator
 from contimpact.simulation.sweep import Sweep, sweep
 from contimpact.systems.impact_pair import ImpactPair
 
+pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
+
 PAIR = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.4)
 
 

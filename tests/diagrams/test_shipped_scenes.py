@@ -22,6 +22,8 @@ from zoo import ROOT
 from contimpact import follow, load_diagram, load_entries, load_scene, read, write_diagram
 from contimpact.continuation.branch import EndKind
 
+pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
+
 FOLDER = ROOT / "branches"
 NAMES = sorted(path.parent.name for path in FOLDER.glob("*/scene.toml"))
 SIMULATED = [name for name in NAMES if (FOLDER / name / "simulation").is_dir()]

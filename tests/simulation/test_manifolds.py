@@ -16,6 +16,8 @@ from contimpact.simulation.simulator import Simulator
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
 
+pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
+
 FIG7 = 0.355220528250598985031742370212
 """s of the crisis of Fig. 7, in 45 digits; see test_crises."""
 
