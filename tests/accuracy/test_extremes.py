@@ -6,6 +6,8 @@ import pytest
 from extremes import CASES, MARK, measure
 from zoo import ROOT
 
+pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
+
 DOCS = ROOT / "docs" / "figures" / "extremes.md"
 
 

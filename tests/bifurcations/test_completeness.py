@@ -18,6 +18,8 @@ from contimpact.segments.kernels import Kernels
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
 
+pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
+
 COARSE = Settings(max_points=150)
 FINER = 20
 WORDS = ("1:1", "2:1", "1:1/2T", "2:2", "3:1", "1:0", "1:2/2T", "BTBT", "B/2T", "3:2")

@@ -19,6 +19,8 @@ from contimpact.results.catalogue import catalogue_text, load_diagram, write_dia
 from contimpact.results.curve import StableOrbit
 from contimpact.segments.kernels import Kernels
 
+pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
+
 A, R = (6.4, 9.4), (0.25, 0.36)
 CROSSING = 0.304161346
 """r of PD-G at beta = pi/6, s = 0.5 m."""

@@ -16,6 +16,8 @@ from contimpact.page.data import remarks_in
 from contimpact.results.catalogue import load_diagram, write_diagram
 from contimpact.segments.kernels import Kernels
 
+pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
+
 RANGES = {"A": (0.8, 40.0), "r": (0.05, 0.9)}
 
 

@@ -28,6 +28,8 @@ from contimpact.results.catalogue import catalogue_text
 from contimpact.results.diagram import Diagram
 from contimpact.results.diagram_reading import read, stable_intervals
 
+pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
+
 FIG7 = ROOT / "branches" / "fig7" / "scene.toml"
 SMALL = scene_table(name="small", follow={"range": [0.3, 0.4]}, detect={"events": ["PD", "G"]})
 

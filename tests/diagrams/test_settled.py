@@ -25,6 +25,8 @@ from contimpact.simulation.sweep import find_attractors
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.soft_stop import SoftStop
 
+pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
+
 SETTLING = Settling(transient=200, periods=600, longest=32, impacts=20)
 SOFT = {"k": 1.0, "c": 0.05, "a": 1.0, "e": 0.5, "k_b": 25.0, "c_b": 0.1, "omega": 1.8}
 

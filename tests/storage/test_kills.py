@@ -23,7 +23,10 @@ from contimpact.errors import InputError
 from contimpact.results.result_folder import MARK, ROWS
 from contimpact.storage import LOCK
 
-pytestmark = pytest.mark.skipif(os.name != "posix", reason="POSIX signals")
+pytestmark = [
+    pytest.mark.skipif(os.name != "posix", reason="POSIX signals"),
+    pytest.mark.usefixtures("compiled_where_it_pays"),
+]
 
 SCENE = """
 name = "{name}"
