@@ -24,6 +24,8 @@ from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
 from contimpact.systems.two_masses import TwoMasses
 
+pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
+
 PAIR = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.4)
 
 

@@ -10,6 +10,8 @@ from zoo import ROOT
 import contimpact as ci
 from contimpact.bifurcations.grazing import CHAOS, IMMEDIATE, JUMP, OVERLAP
 
+pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
+
 
 def figure(name):
     """A script of docs/figures as a module."""
