@@ -25,6 +25,8 @@ from contimpact.segments.kernels import Kernels
 from contimpact.simulation.basins import orbits_on
 from contimpact.simulation.sweep import Sweep
 
+pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
+
 STARTS, PERIODS, ROUNDS = 30, 60, 6
 """Motions at each value; periods after which they are looked at, and how often."""
 SPREAD = 0.2

@@ -25,6 +25,8 @@ from contimpact.segments.kernels import Kernels
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
 
+pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
+
 EDGES = (0.05, 0.95)
 
 

@@ -13,6 +13,8 @@ from contimpact.results.entry_conversion import event_of
 from contimpact.results.scene import load_scene
 from contimpact.segments.kernels import Kernels
 
+pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
+
 BRANCHES = ROOT / "branches"
 FINER = 20
 

@@ -20,6 +20,8 @@ from contimpact.plots.lines import fixed_values, symbol, units_of, value_text, v
 from contimpact.results.diagram import Diagram
 from contimpact.results.options import LABELS
 
+pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
+
 SCENE = ROOT / "branches" / "fig7" / "scene.toml"
 
 

@@ -24,6 +24,8 @@ from contimpact.simulation.sweep import (
     sweep_rows,
 )
 
+pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
+
 QUICK = Settling(transient=50, periods=600, impacts=1500)
 
 

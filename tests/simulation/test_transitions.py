@@ -28,6 +28,8 @@ from contimpact.simulation.transitions import (
 )
 from contimpact.systems.impact_pair import ImpactPair
 
+pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
+
 QUICK = Settling(transient=50, periods=800, impacts=1500)
 PD, G_DOUBLED, FB, G_21 = 0.383143488343, 0.365318559017, 0.356895277, 0.279034781278
 """Values of s at which the branches double, graze and fold; see test_shipped_scenes."""
