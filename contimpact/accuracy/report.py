@@ -27,9 +27,8 @@ import numpy as np
 from .. import __version__
 from ..arrays import Array
 from ..bifurcations.declarations import KINDS
-from ..continuation import problem as linear
 from ..continuation.branch import Point, Walk
-from ..continuation.corrector import border_jacobian
+from ..continuation.corrector import DENSE_UP_TO, border_jacobian, solve
 from ..continuation.settings import PREDICTORS, Settings
 from ..diagrams.explore import follow
 from ..diagrams.orbit_walks import walk_orbits
@@ -187,7 +186,7 @@ def long_words(orbit: Orbit, repetitions: int) -> dict[str, Any]:
         parts: dict[str, Callable[[], Any]] = {
             "residual and blocks": partial(problem.evaluate, unknowns),
             "Jacobian": partial(_jacobian, problem, unknowns),
-            "bordered solve": partial(linear.solve, matrix, right),
+            "bordered solve": partial(solve, matrix, right),
             "multipliers": partial(multipliers, here.start, here.end),
         }
         row: dict[str, Any] = {"impacts": own * times}
@@ -195,7 +194,7 @@ def long_words(orbit: Orbit, repetitions: int) -> dict[str, Any]:
             _, row[name] = time_task(partial(_repeat, part, loops), repetitions, loops)
         rows.append(row)
     exponents = {name: _exponent(rows, name) for name in parts}
-    return {"rows": rows, "exponents": exponents, "dense_up_to": linear.DENSE_UP_TO}
+    return {"rows": rows, "exponents": exponents, "dense_up_to": DENSE_UP_TO}
 
 
 def _jacobian(problem: OrbitProblem, unknowns: Array) -> Array:

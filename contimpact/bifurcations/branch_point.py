@@ -13,9 +13,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..continuation.branch import EndKind, Location, TestFunction
+from ..continuation.branch import EndKind, Location, Problem, TestFunction
 from ..continuation.corrector import orient_vector
-from ..continuation.problem import Problem
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from .extended_system import (

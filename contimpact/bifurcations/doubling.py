@@ -19,9 +19,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..continuation.branch import Between, Location, TestFunction
+from ..continuation.branch import Between, Location, Problem, TestFunction
 from ..continuation.corrector import orient_vector
-from ..continuation.problem import Problem
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from ..orbits.quiet import QuietProblem, problem_of

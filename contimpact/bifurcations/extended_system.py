@@ -31,9 +31,17 @@ from typing import Protocol, TypeAlias
 import numpy as np
 
 from ..arrays import Array
-from ..continuation.branch import Between, Block, Details, Event, Location, Point, TestFunction
+from ..continuation.branch import (
+    Between,
+    Block,
+    Details,
+    Event,
+    Location,
+    Point,
+    Problem,
+    TestFunction,
+)
 from ..continuation.crossing_branches import Meeting
-from ..continuation.problem import Problem
 from ..orbits.problem import Linearisation, OrbitProblem, rounding
 from ..segments.bounded import bounds_of
 from ..segments.layout import SECTION

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..continuation.branch import Between, Location, TestFunction
-from ..continuation.problem import Problem
+from ..continuation.branch import Between, Location, Problem, TestFunction
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from .extended_system import (

@@ -31,8 +31,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..continuation.branch import Between, EndKind, Location, Point, TestFunction
-from ..continuation.problem import Problem
+from ..continuation.branch import Between, EndKind, Location, Point, Problem, TestFunction
 from ..models.guards import Guard, way_back
 from ..models.word import Word
 from ..orbits.multipliers import count_unstable

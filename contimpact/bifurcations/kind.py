@@ -20,9 +20,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..continuation.branch import Details, EndKind, Event, Point, TestFunction
+from ..continuation.branch import Details, EndKind, Evaluation, Event, Point, TestFunction
 from ..continuation.corrector import border_jacobian, first_tangent, scaled_determinant
-from ..continuation.problem import Evaluation
 from ..models.word import Word, repetitions
 from ..orbits.multipliers import count_unstable, neimark_sacker
 from ..orbits.physicality import Verdict

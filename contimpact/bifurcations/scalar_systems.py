@@ -16,8 +16,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from ..arrays import Table, Vector
-from ..continuation.corrector import ALONG, NO_TANGENT, cubic
-from ..continuation.problem import angle, norm
+from ..continuation.corrector import ALONG, NO_TANGENT, angle, cubic, norm
 from ..orbits.block_cyclic import store
 from ..orbits.multipliers import (
     multipliers_by_elimination,

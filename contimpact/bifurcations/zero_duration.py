@@ -9,9 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..continuation.branch import Location, TestFunction
+from ..continuation.branch import Location, Problem, TestFunction
 from ..continuation.corrector import first_tangent
-from ..continuation.problem import Problem
 from ..models.word import Word
 from ..orbits.multipliers import count_unstable
 from ..orbits.physicality import OUT_OF_ORDER, Verdict

@@ -13,8 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..continuation.branch import Location, TestFunction
-from ..continuation.problem import Problem
+from ..continuation.branch import Location, Problem, TestFunction
 from ..models.word import Word
 from ..orbits.multipliers import count_unstable
 from ..orbits.physicality import WRONG_WAY, Verdict

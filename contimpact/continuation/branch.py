@@ -1,4 +1,4 @@
-"""A branch: its points, its events in order, why it ends, and the test functions along it."""
+"""A branch: its problem, points, events in order, end, and the test functions along it."""
 
 from __future__ import annotations
 
@@ -12,8 +12,45 @@ from typing import Any, Generic, Protocol, TypeAlias, TypeVar, overload
 import numpy as np
 
 from ..arrays import Array
-from .problem import E, Evaluation, Problem
 from .settings import Settings
+
+# What a problem must provide whose solutions form the branch.
+
+
+class Evaluation(Protocol):
+    """A problem evaluated at one point. A problem may keep more here for its test functions."""
+
+    @property
+    def unknowns(self) -> Array:
+        """The point, shape (n + 1,); the free parameter is last."""
+
+    @property
+    def residual(self) -> Array:
+        """F, shape (n,)."""
+
+    @property
+    def jacobian(self) -> Array:
+        """dF/d(unknowns), shape (n, n + 1)."""
+
+
+E = TypeVar("E", bound=Evaluation, covariant=True)
+"""Evaluation that a problem makes at a point."""
+
+
+class Problem(Protocol[E]):
+    """n equations in n + 1 unknowns, the last of which is the free parameter."""
+
+    def evaluate(self, unknowns: Array) -> E:
+        """Evaluate at a point. `ArithmeticError` and `ValueError` say that F has no value there."""
+
+    def scale(self, unknowns: Array, span: float) -> Array:
+        """Return natural sizes of the unknowns, shape (n + 1,), given the parameter's."""
+
+    def difference(self, one: Array, other: Array) -> Array:
+        """Return one - other, zero where both stand for the same solution."""
+
+
+# Why a branch ends.
 
 
 class EndKind(enum.Enum):

@@ -18,9 +18,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from .branch import Point, Refusal, RefusalDetails
-from .corrector import Arc
-from .problem import Array, Problem, length
+from ..arrays import Array
+from .branch import Point, Problem, Refusal, RefusalDetails
+from .corrector import Arc, length
 from .settings import Settings
 from .step import Notice
 

@@ -13,9 +13,18 @@ from itertools import pairwise
 import numpy as np
 
 from ..arrays import Array
-from .branch import Event, MissedEvent, Point, Points, TestFunction, order_events, same_place
-from .corrector import Arc, orientation
-from .problem import EPSILON, Evaluation, Problem
+from .branch import (
+    Evaluation,
+    Event,
+    MissedEvent,
+    Point,
+    Points,
+    Problem,
+    TestFunction,
+    order_events,
+    same_place,
+)
+from .corrector import EPSILON, Arc, orientation
 from .settings import Settings
 from .sign_changes import DIPS, OFF_THE_ENDS, Sample, Stretch, crosses, crossings
 

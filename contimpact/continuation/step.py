@@ -17,9 +17,20 @@ from typing import NamedTuple, Protocol, TypeAlias
 import numpy as np
 
 from ..arrays import LISTS, Array, Containers, Table, Vector
-from .branch import Block, Point, Refusal, RefusalDetails
-from .corrector import CONVERGED, D, DenseSystem, Evaluate, Solve, cubic, failure, newton, predict
-from .problem import Problem, angle, distance
+from .branch import Block, Point, Problem, Refusal, RefusalDetails
+from .corrector import (
+    CONVERGED,
+    D,
+    DenseSystem,
+    Evaluate,
+    Solve,
+    angle,
+    cubic,
+    distance,
+    failure,
+    newton,
+    predict,
+)
 from .settings import Settings
 from .sign_changes import look_plainly
 

@@ -15,27 +15,32 @@ from .branch import (
     Block,
     End,
     EndKind,
+    Evaluation,
     Event,
     MissedEvent,
     Point,
     Points,
+    Problem,
     Refusal,
     RefusalDetails,
     TestFunction,
     Walk,
 )
 from .corrector import (
+    EPSILON,
     Arc,
+    angle,
     correct,
     first_point,
     hermite,
+    inner_product,
+    length,
     point_after,
     signs_on_leaving,
     test_values_at_start,
 )
 from .crossing_branches import Find, Meeting, MeetingRecord
 from .events import find_events
-from .problem import EPSILON, Evaluation, Problem, angle, inner_product, length
 from .settings import Settings
 from .sign_changes import Samples, Stretch
 from .step import (

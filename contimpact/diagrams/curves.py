@@ -26,15 +26,15 @@ from ..continuation.branch import (
     Location,
     Point,
     Points,
+    Problem,
     TestFunction,
     UserFunction,
     Walk,
     join_walks,
 )
-from ..continuation.corrector import Arc, correct
+from ..continuation.corrector import Arc, correct, length
 from ..continuation.crossing_branches import Meeting
 from ..continuation.events import snap_to_points
-from ..continuation.problem import Problem, length
 from ..continuation.settings import Settings
 from ..continuation.walk import Policy, keep_interrupted, other_way, walk
 from ..errors import InputError, each_once, explain_arguments, short_repr

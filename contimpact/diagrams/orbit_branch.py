@@ -21,6 +21,7 @@ from ..continuation.branch import (
     AT_BRANCH_POINTS,
     End,
     EndKind,
+    Evaluation,
     Event,
     Point,
     Points,
@@ -31,7 +32,6 @@ from ..continuation.branch import (
 )
 from ..continuation.corrector import correct
 from ..continuation.events import separate_events, snap_to_points
-from ..continuation.problem import Evaluation
 from ..continuation.settings import Settings
 from ..continuation.walk import (
     SAME_SOLUTION,

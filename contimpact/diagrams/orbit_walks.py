@@ -20,12 +20,12 @@ from ..continuation.branch import (
     MissedEvent,
     Point,
     Points,
+    Problem,
     TestFunction,
     Walk,
 )
-from ..continuation.corrector import Arc
+from ..continuation.corrector import EPSILON, Arc
 from ..continuation.events import find_events
-from ..continuation.problem import EPSILON, Problem
 from ..continuation.settings import Settings
 from ..continuation.sign_changes import Sample, Stretch
 from ..continuation.step import Backend, Batch, DenseBackend, Position

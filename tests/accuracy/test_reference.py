@@ -10,7 +10,7 @@ import pytest
 
 from contimpact.accuracy.reference import Reference
 from contimpact.bifurcations.kind import test_functions as make_tests
-from contimpact.continuation import problem as linear
+from contimpact.continuation import corrector as linear
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams.orbit_branch import walk_both_ways
 from contimpact.models.word import Word

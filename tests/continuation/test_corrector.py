@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contimpact.continuation import corrector
-from contimpact.continuation import problem as metric
+from contimpact.continuation import corrector as metric
 from contimpact.continuation import step as step_control
 from contimpact.continuation.branch import Point
 from contimpact.continuation.corrector import correct
