@@ -114,7 +114,7 @@ class Shooting:
     @staticmethod
     def follows(problem: OrbitProblem) -> bool:
         """Whether it integrates the flights of a problem."""
-        return problem.m == 2
+        return problem.kernels.planar
 
     def orbit(self, guess: Array) -> Array | None:
         """Return the orbit next to a guess at its parameter value; None if it is not reached."""

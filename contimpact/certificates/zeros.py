@@ -39,7 +39,7 @@ MULTIPLIERS = (1.0, -1.0)
 
 def test_at(segment: Segment, mu: float) -> Test:
     """Return the test function of a multiplier, the same function for all of a segment."""
-    if segment.space.problem.m > 2:
+    if not segment.space.problem.paired:
         return _Determinant(segment, mu)
 
     def polynomial(flights: list[Flight]) -> Any:

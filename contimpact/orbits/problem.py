@@ -303,7 +303,7 @@ class Linearisation:
         directions is then 1, so that their product is the one asked for, whatever its size.
         """
         found = stability_of(start, self.end)
-        if not (self.problem.autonomous and self.problem.m == 2):
+        if not (self.problem.autonomous and self.problem.kernels.planar):
             return found
         start, end = self.start.copy(), self.end.copy()
         by_start = np.abs(start[:, :, 1]) < np.abs(end[:, :, 1])
@@ -522,7 +522,7 @@ class OrbitProblem:
         self.model, self.word, self.kernels = model, word, kernels
         self.parameter = kernels.parameter
         self.m = model.unknowns_per_impact
-        self.paired = self.m == 2 and not self.autonomous
+        self.paired = kernels.planar and not self.autonomous
         names = list(model.values)
         self._values = list(model.values.values())
         self.free = len(kernels.parameters)
@@ -787,7 +787,7 @@ class OrbitProblem:
         impacts = self.impacts(unknowns)
         period = self.period(unknowns)
         sizes = np.max(np.abs(impacts[:, 1:]), axis=0)
-        if self.m == 2 and not all(map(self.kernels.integrated, self.word.walls)):
+        if self.kernels.planar and not all(map(self.kernels.integrated, self.word.walls)):
             sizes[0] = max(sizes[0], self._largest_speed(unknowns))
         else:
             speed, along = self._largest_along(unknowns)

@@ -103,6 +103,8 @@ class Kernels:
     ----------
     loaded, generated : list of str
         Names of the kernels read from the cache and of those that had to be generated.
+    planar : bool
+        Whether motion has one coordinate.
     long : bool
         Whether one of the `flights` has grown too much to be computed as a whole.
     whole : bool
@@ -114,6 +116,7 @@ class Kernels:
 
     def __init__(self, model: Model, parameter: str, *others: str) -> None:
         self.model, self.parameter = model, parameter
+        self.planar = model.DEGREES_OF_FREEDOM == 1
         self.parameters = (parameter, *others)
         for name in self.parameters:
             model.require(name, "parameter")
@@ -178,7 +181,7 @@ class Kernels:
         coordinates: not on their surface, and the mode before does not have them, or the rate of
         their gap coordinates jumps there."""
         guards, passages = self.model.WALLS, self.passages
-        if self.model.DEGREES_OF_FREEDOM == 1:
+        if self.planar:
             return []
         beside = {*passages.beginning(left), *passages.resting(left)}
         bending = passages.bending(left)

@@ -383,7 +383,7 @@ def has_several_coordinates(model: Model, kernels: Kernels) -> bool:
     looked at.
     """
     passages, guards = kernels.passages, model.WALLS
-    if model.DEGREES_OF_FREEDOM != 1 or not passages.anchored or 0.0 in passages.leaving:
+    if not kernels.planar or not passages.anchored or 0.0 in passages.leaving:
         return True
     if any(kernels.linear(guard.name) for guard in guards):
         return True
@@ -546,7 +546,7 @@ def free_motion(
     law = simulator.machine.law_in(mode)
     if law is not None:
         return _fixed_point(law, simulator.period)
-    if simulator.model.DEGREES_OF_FREEDOM == 1 and left is not None:
+    if simulator.kernels.planar and left is not None:
         return _repeating_motion(simulator, left)
     return None
 
