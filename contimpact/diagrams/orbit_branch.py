@@ -49,13 +49,12 @@ from ..orbits.multipliers import count_unstable
 from ..orbits.orbit import Orbit
 from ..orbits.physicality import PHYSICAL, reason_of
 from ..orbits.problem import OrbitProblem, Summary
-from ..orbits.quiet import problem_of
+from ..orbits.quiet import problem_in
 from ..orbits.search import mirror_orbit, reduce_period, repeats, rotate_to_word, solve_near
 from ..progress import Asked, chain_callbacks, counting_callback, progress_lines
 from ..results.branch import Branch, Entry, columns_of
 from ..results.diagram import Diagram
 from ..results.entry_conversion import entry_by_name, entry_first, entry_of, event_of, to_orbit
-from ..segments.kernels import Kernels
 from .orbit_walks import walk_orbits
 
 # From the points of a branch and its entries to the columns of its table.
@@ -337,9 +336,7 @@ def continue_orbit(
     parameter = parameter or problem.parameter
     unknowns = orbit.unknowns
     if parameter != problem.parameter:
-        model = orbit.model
-        problem = problem_of(model, orbit.word, Kernels(model, parameter))
-        unknowns = np.append(unknowns[:-1], model.values[parameter])
+        problem, unknowns = problem_in(parameter, orbit.model, orbit.linearisation)
     limits = check_range(problem, range, float(unknowns[-1]))
     stop, tests = symmetric_end(problem), tests_of_events(problem, events, values)
     settings = _numerics(settings)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
 from typing import TYPE_CHECKING, NamedTuple
@@ -15,10 +15,9 @@ from ..errors import InputError, short_repr
 from ..models.model import Model
 from ..models.outputs import Harvester, Output
 from ..models.word import Word, name_orbit
-from ..segments.kernels import Kernels
 from .outputs import Contact, Mean, contacts_of, mean_output, output_along, rates_of
 from .problem import Linearisation, OrbitProblem, Path, motion_of, path_of
-from .quiet import problem_of
+from .quiet import problem_in
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -43,8 +42,7 @@ def sensitivity_of(orbit: Orbit, parameter: str) -> Sensitivity:
     """
     model = orbit.model
     model.require(parameter, "parameter")
-    problem = problem_of(model, orbit.word, Kernels(model, parameter))
-    unknowns = np.append(orbit.unknowns[: problem.n], model.values[parameter])
+    problem, unknowns = problem_in(parameter, model, orbit.linearisation)
     rows = rates_of(problem.evaluate(unknowns)).reshape(-1, problem.m)
     return Sensitivity(rows[:, 0], rows[:, 1])
 
@@ -415,16 +413,13 @@ def fluctuations_of(here: Linearisation, noise: Mapping[str, float]) -> Fluctuat
     for name in noise:
         model.require(name, "noise")
     count, m = len(problem.word), problem.m
-    problems = {name: problem_of(model, problem.word, Kernels(model, name)) for name in noise}
-    there = [
-        own.evaluate(np.append(unknowns[: problem.n], model.values[name])).by_parameter
-        for name, own in problems.items()
-    ]
+    there = [problem_in(name, model, here) for name in noise]
+    kicks = [own.evaluate(at).by_parameter for own, at in there]
     deviations = np.array(list(noise.values()))
-    kicks = np.concatenate(there, axis=1).reshape(count, m, -1) * deviations
+    kicked = np.concatenate(kicks, axis=1).reshape(count, m, -1) * deviations
     try:
         step = -np.linalg.solve(here.end, here.start)
-        kick = -np.linalg.solve(here.end, kicks)
+        kick = -np.linalg.solve(here.end, kicked)
     except np.linalg.LinAlgError:
         found = "an impact of zero velocity"
         raise InputError("orbit", found, "take an orbit beside the event") from None
@@ -440,7 +435,7 @@ def fluctuations_of(here: Linearisation, noise: Mapping[str, float]) -> Fluctuat
         joint = block_diag(covariances[k], np.diag(deviations**2))
         for place, (wall, touch) in enumerate(zip(model.letters, gaps.touches, strict=True)):
             if touch is not None:
-                slope = _gap_slope(problems, here, k, place)
+                slope = _gap_slope(there, here, k, place)
                 spread = (
                     float(np.sqrt(slope @ joint @ slope)) if all(np.isfinite(slope)) else np.inf
                 )
@@ -455,7 +450,7 @@ def fluctuations_of(here: Linearisation, noise: Mapping[str, float]) -> Fluctuat
 
 
 def _gap_slope(
-    problems: Mapping[str, OrbitProblem], here: Linearisation, flight: int, place: int
+    moved: Sequence[tuple[OrbitProblem, Array]], here: Linearisation, flight: int, place: int
 ) -> Array:
     """Derivatives of a gap by the unknowns where its flight begins, then by parameters.
 
@@ -463,23 +458,20 @@ def _gap_slope(
     stops turning towards the wall.
     """
     n, m, unknowns = here.problem.n, here.problem.m, here.unknowns
-    values = here.problem.model_at(unknowns).values
     sizes = here.problem.scale(unknowns, 1.0)
 
     def slope(problem: OrbitProblem, at: Array, number: int) -> float:
         step = STEP * (sizes[number] if number < n else max(1.0, abs(at[n])))
         gaps = []
-        for moved in (at[number] + step, at[number] - step):
-            there = np.where(np.arange(n + 1) == number, moved, at)
+        for value in (at[number] + step, at[number] - step):
+            there = np.where(np.arange(n + 1) == number, value, at)
             touch = problem.evaluate(there).gaps[flight].touches[place]
             gaps.append(touch.gap if touch else np.nan)
         difference = (gaps[0] - gaps[1]) / (2.0 * step)
         return difference if np.isfinite(difference) else np.inf
 
     by_state = [slope(here.problem, unknowns, m * flight + i) for i in range(m)]
-    by_parameter = [
-        slope(own, np.append(unknowns[:n], values[name]), n) for name, own in problems.items()
-    ]
+    by_parameter = [slope(own, at, n) for own, at in moved]
     return np.array([*by_state, *by_parameter])
 
 

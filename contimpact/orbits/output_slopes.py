@@ -20,10 +20,9 @@ from ..models.model import Model
 from ..models.outputs import TIME, VOLTAGE, Output, check_output, state_names
 from ..segments.arithmetic import ARRAYS, FLOATS, evaluate_in
 from ..segments.derivatives import Series, compose_series, series
-from ..segments.kernels import Kernels
 from .outputs import NODES, integrals_of, means_of, quadrature, rates_of, values_at
 from .problem import Linearisation
-from .quiet import problem_of
+from .quiet import problem_in
 
 MOVING, MOVING_ARRAYS = series(FLOATS), series(ARRAYS)
 """Numbers, and arrays of them, with their derivatives."""
@@ -35,9 +34,8 @@ def mean_slope(here: Linearisation, model: Model, output: Output, parameter: str
     """Return the derivative of a mean by a parameter; see `Orbit.mean_sensitivity`."""
     check_output(output, model, "expression")
     model.require(parameter, "parameter")
-    problem = problem_of(model, here.problem.word, Kernels(model, parameter))
-    there = problem.evaluate(np.append(here.unknowns[: problem.n], model.values[parameter]))
-    return float(slopes_of_means(there, [output], model)[0, 0])
+    problem, unknowns = problem_in(parameter, model, here)
+    return float(slopes_of_means(problem.evaluate(unknowns), [output], model)[0, 0])
 
 
 def slopes_of_means(here: Linearisation, outputs: Sequence[Output], model: Model) -> Array:

@@ -208,6 +208,13 @@ def problem_of(model: Model, word: Word, kernels: Kernels) -> OrbitProblem:
     return kind(model, word, kernels)
 
 
+def problem_in(parameter: str, model: Model, here: Linearisation) -> tuple[OrbitProblem, Array]:
+    """Return the equations of an orbit of a model with a parameter free, and the unknowns there."""
+    problem = problem_of(model, here.problem.word, Kernels(model, parameter))
+    free = [model.values[parameter]]
+    return problem, np.concatenate([here.unknowns[: problem.n], free])
+
+
 class QuietProblem(OrbitProblem):
     """The equations of orbits without impacts; see `OrbitProblem`."""
 

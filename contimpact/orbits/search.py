@@ -402,19 +402,18 @@ def search(
         word = parse_word(word, letters, graph=graph(model.WALLS), free=model.autonomous)
     first = list(model.values)[-1 if model.autonomous else 0]
     kernels = kernels or Kernels(model, parameter or first)
-    problem = problem_of(model, word, kernels)
-    generator = np.random.default_rng(rng)
-    return search_for(problem, generator, starts, rounds, tell)
+    return search_for(problem_of(model, word, kernels), rng, starts, rounds, tell)
 
 
 def search_for(
     problem: OrbitProblem,
-    generator: np.random.Generator,
-    starts: int,
-    rounds: int,
+    rng: np.random.Generator | int = 0,
+    starts: int = 256,
+    rounds: int = 8,
     tell: Progress = ignore_progress,
 ) -> Search:
     """Search for the orbits of a problem at its model's parameters; see `find_orbits`."""
+    generator = np.random.default_rng(rng)
     if not problem.word.walls:
         if isinstance(problem, FreeQuietProblem):
             return Search(_search_turning(problem, generator), TURNING_STARTS)

@@ -23,7 +23,7 @@ from ..models.word import Word, name_orbit
 from ..orbits.orbit import Orbit
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
-from ..orbits.search import find_orbits
+from ..orbits.search import search_for
 from ..schema import attribute, documented, table_columns
 from ..segments.kernels import Kernels
 from ..systems import find_system
@@ -170,32 +170,32 @@ def orbit_of(entry: Entry, model: Model | None = None, kernels: Kernels | None =
     """
     at = model_of(entry, model)
     kernels = kernels or Kernels(at, entry.parameter)
-    if not entry.word:
-        return _without_impacts(entry, at, kernels)
     problem = problem_of(at, Word(entry.word, entry.period), kernels)
+    if not entry.word:
+        return _without_impacts(entry, problem)
     names = ["time", "velocity", *coordinates(problem.m)[2:]]
     whole = [impact for impact in entry.impacts if set(names) <= set(impact)]
     if len(whole) != len(entry.word):
         found = f"{len(whole)} impacts of the word {entry.word!r}"
         raise InputError("entry", found, "give an entry as a catalogue records it")
     rows = np.array([[impact[name] for name in names] for impact in whole])
-    return _solve_orbit(
-        problem, _closing_impacts(problem, rows, entry.orbit_period, "entry"), "entry"
-    )
+    rows = _closing_impacts(problem, rows, entry.orbit_period, "entry")
+    return _solve_orbit(problem, rows, "entry")
 
 
 def orbit_at(branch: Branch, place: int | str, model: Model | None = None) -> Orbit:
     """Return the orbit of a row of a branch; see `Branch.orbit`."""
     where = f"branch {branch.id}"
     if isinstance(place, str):
-        return orbit_of(event_of_branch(branch, place), model)
+        return orbit_of(branch.entry(place), model)
     row = _row(branch, place, where)
     at = model_at(branch, row, model)
     problem = problem_of(at, Word(branch.word, branch.period), Kernels(at, branch.parameter))
     unknowns = [branch[name][row] for name in columns_of(branch.word, problem.m)]
     rows = np.reshape(unknowns, (-1, problem.m))
     period = branch[PERIOD][row] if PERIOD in branch.columns else None
-    return _solve_orbit(problem, _closing_impacts(problem, rows, period, where), where)
+    rows = _closing_impacts(problem, rows, period, where)
+    return _solve_orbit(problem, rows, where)
 
 
 def _closing_impacts(problem: OrbitProblem, rows: Array, period: float | None, where: str) -> Array:
@@ -210,24 +210,14 @@ def _closing_impacts(problem: OrbitProblem, rows: Array, period: float | None, w
     return problem.placed(rows, period)
 
 
-def _without_impacts(entry: Entry, at: Model, kernels: Kernels) -> Orbit:
+def _without_impacts(entry: Entry, problem: OrbitProblem) -> Orbit:
     """The orbit of the word `0` that has an entry's multipliers: there are no impacts to go by."""
-    found = find_orbits(at, Word("", entry.period), kernels=kernels)
+    found = search_for(problem).orbits
     if not found:
         accepted = "give the model it was computed with"
         raise InputError("entry", "no orbit without impacts was found", accepted)
     told = np.array([np.inf if pair is None else complex(*pair) for pair in entry.multipliers])
     return min(found, key=lambda orbit: float(np.max(np.abs(orbit.multipliers - told))))
-
-
-def event_of_branch(branch: Branch, name: str) -> Entry:
-    """The event of a name on a branch."""
-    found = event_by_id(branch.events, name) or event_by_kind(branch.events, name)
-    if found is None:
-        known = ", ".join(entry.id for entry in branch.events) or "none"
-        known += kinds_of(branch.events, name)
-        raise InputError(f"branch {branch.id}", f"no event {name!r}", f"its events are {known}")
-    return found
 
 
 def _row(branch: Branch, place: int, where: str) -> int:
@@ -245,7 +235,7 @@ def _row(branch: Branch, place: int, where: str) -> int:
 def _solve_orbit(problem: OrbitProblem, rows: Array, where: str) -> Orbit:
     """The orbit of these impacts at the model's parameters, if it solves the equations."""
     free = [problem.model.values[name] for name in problem.kernels.parameters]
-    here = problem.evaluate(np.append(rows.ravel(), free))
+    here = problem.evaluate(np.concatenate([rows.ravel(), free]))
     if not here.largest_residual < SOLVED:
         found = f"it is no orbit of this model (residual {here.largest_residual:.2g})"
         raise InputError(where, found, "give the model it was computed with")
@@ -596,6 +586,15 @@ class Branch(Columns):
             return f"the orbit of an event is branch.orbit({event.id!r})"
         return f"the orbit of a row is branch.orbit({column})" if isinstance(column, int) else ""
 
+    def entry(self, name: str) -> Entry:
+        """Return an event by its name, ``e1``, or by that of its kind, ``PD`` or ``PD2``."""
+        found = event_by_id(self.events, name) or event_by_kind(self.events, name)
+        if found is None:
+            known = ", ".join(entry.id for entry in self.events) or "none"
+            known += kinds_of(self.events, name)
+            raise InputError(f"branch {self.id}", f"no event {name!r}", f"its events are {known}")
+        return found
+
     def orbit(self, place: int | str | Entry, model: Model | None = None) -> Orbit:
         """Return the orbit of a row, to continue it or to look at it.
 
@@ -612,7 +611,6 @@ class Branch(Columns):
         InputError
             If there is no such row or event, or the system is not known.
         """
-
         return place.orbit(model) if isinstance(place, Entry) else orbit_at(self, place, model)
 
     @property

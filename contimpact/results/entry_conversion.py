@@ -20,7 +20,7 @@ from ..orbits.orbit import Orbit
 from ..orbits.physicality import Verdict
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..segments.kernels import Kernels
-from .branch import Branch, Entry, all_parameters, coordinates, event_of_branch, orbit_of
+from .branch import Branch, Entry, all_parameters, coordinates, orbit_of
 from .diagram import Diagram
 
 DETAILS = ("flight", "wall", "impact", "touch_time", "requested")
@@ -197,9 +197,7 @@ def entry_by_name(given: object) -> object:
     if not (isinstance(given, tuple) and len(given) == 2 and isinstance(given[1], str)):
         return given
     holder, name = given
-    if isinstance(holder, Branch):
-        return event_of_branch(holder, name)
-    return holder.entry(name) if isinstance(holder, Diagram) else given
+    return holder.entry(name) if isinstance(holder, Branch | Diagram) else given
 
 
 def to_orbit(given: object, model: Model | None = None) -> Orbit:
