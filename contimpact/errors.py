@@ -12,6 +12,10 @@ Call = TypeVar("Call", bound=Callable[..., Any])
 LONGEST_MESSAGE = 560
 
 
+DAMAGE = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError)
+"""Exceptions that reading a damaged record may raise."""
+
+
 class InputError(ValueError):
     """Something the caller gave cannot be used.
 

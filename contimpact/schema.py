@@ -393,8 +393,6 @@ def table_columns(kind: Any) -> list[str]:
 
 NOT_FINITE = ("inf", "-inf", "nan")
 LARGEST_WHOLE = 2**63 - 1
-DAMAGE = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError)
-"""Exceptions that reading a damaged record may raise."""
 
 
 def build_record(kind: type[T], record: Any, needed: Collection[str] | None = None) -> T:

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, TypeAlias, cast
 
-from .errors import InputError, NotWrittenError, printable
+from .errors import DAMAGE, InputError, NotWrittenError, printable
 
 # Which process wrote something, and whether it is still running.
 
@@ -118,6 +118,8 @@ PACKED = ".xz"
 """Ending of a file that is stored compressed: it is read in place of one without."""
 LARGEST_RECORD = 2**28
 """Bytes of a JSON file, or of the record in a table's first line."""
+DEEPEST = 64
+"""How deep a JSON file may be nested."""
 DAY = 86400.0
 """Seconds after which a temporary file of another machine is taken to be left behind."""
 
@@ -169,11 +171,12 @@ def write(path: Path, content: str | bytes) -> None:
         ) from None
 
 
-def append(path: Path, content: bytes) -> None:
-    """Add to a file that is there.
+def append_line(path: Path, line: str) -> None:
+    """Add a line to a file that is there.
 
     Raises OSError if it cannot be written, or is a link.
     """
+    content = f"{line}\n".encode()
     with open(os.open(path, os.O_WRONLY | os.O_APPEND | _SAFE), "wb", buffering=0) as file:
         if file.write(content) != len(content):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -283,6 +286,47 @@ def check_length(content: bytes, most: int) -> bytes:
     if len(content) > most:
         raise ValueError(f"longer than {most} bytes")
     return content
+
+
+@contextlib.contextmanager
+def check_reading(path: Path, schema: str) -> Iterator[None]:
+    """Turn what goes wrong with a file of a schema into `InputError`."""
+    try:
+        yield
+    except InputError:
+        raise
+    except OSError as error:
+        raise InputError(
+            str(path), f"cannot be read ({reason(error)})", f"give a file of {schema!r}"
+        ) from None
+    except (*DAMAGE, csv.Error) as error:
+        raise InputError(
+            str(path), f"damaged ({type(error).__name__}: {error})", f"give a file of {schema!r}"
+        ) from None
+
+
+def read_json(path: Path, schema: str, wanted: str) -> dict[str, Any]:
+    """Read a JSON file of a schema, or raise `InputError`."""
+    try:
+        content = json.loads(read_bounded(path).decode())
+        _check_depth(content)
+    except OSError as error:
+        raise InputError(str(path), f"cannot be read ({reason(error)})", f"give {wanted}") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(str(path), f"not JSON ({error})", f"give {wanted}") from None
+    found = content.get("schema") if isinstance(content, dict) else None
+    if found != schema:
+        raise InputError(str(path), f"its schema is {found!r}", f"this version reads {schema!r}")
+    return content
+
+
+def _check_depth(content: Any, left: int = DEEPEST) -> None:
+    """Raise `ValueError` if plain data are nested deeper than any of ours."""
+    if not left:
+        raise ValueError("nested too deeply")
+    if isinstance(content, dict | list):
+        for part in content.values() if isinstance(content, dict) else content:
+            _check_depth(part, left - 1)
 
 
 def reason(error: Exception) -> str:

@@ -437,6 +437,7 @@ def _shift_to_branch_clock(segment: Segment, z: Balls) -> Balls:
 
 BIRTH = 5
 """How often the first step of a branch born at a period doubling is halved."""
+QUIET = "proofs along branches are for orbits with impacts"
 CAP = 16
 """Terms of power series, more than any of these has."""
 
@@ -534,23 +535,22 @@ def certify_branch(
     `certificates` are theirs, by name, and `kinds` those of events that it was searched for. What
     is left after `seconds` of processor time is unproven.
     """
+    if not branch.word:
+        return without_certificate(branch, QUIET)
     began, budget = time.perf_counter(), Budget(seconds)
     with _branch_precision():
         problem = problem_of(branch, model, kernels)
+        own, crossings = _events_on(branch, problem, entries, certificates)
+        work = Examination(problem, kinds, own, budget)
         points = points_of(branch, problem)
         scale = scale_of(problem, points)
-        alike = [e for e in entries if certificates[e.id].located and _belongs_to(problem, e)]
-        own = [entry for entry in alike if entry.branch == branch.id]
-        crossings = {e.id: e.value for e in alike if kind_of(e.kind).crossing}
-        places = [certified_entry(entry, certificates[entry.id], problem) for entry in own]
-        work = Examination(problem, kinds, places, budget)
         nodes = nodes_of(problem, points, scale)
         if branch.ends[0].kind is EndKind.BORN and len(nodes) > 1:
             _born(work, Segment(work.space, nodes[0], nodes[1], scale), BIRTH)
             nodes = nodes[1:]
         for segment, tube in tubes_along(work.space, nodes, scale, progress, budget):
             work.account(segment, tube)
-        return _certificate(branch, work, own, crossings, time.perf_counter() - began)
+        return _certificate(branch, work, crossings, time.perf_counter() - began)
 
 
 def _belongs_to(problem: OrbitProblem, entry: Entry) -> bool:
@@ -558,6 +558,18 @@ def _belongs_to(problem: OrbitProblem, entry: Entry) -> bool:
     values = problem.model.values.items()
     same = all(entry.parameters[n] == v for n, v in values if n != problem.parameter)
     return same and (entry.word, entry.period) == (problem.word.walls, problem.word.period)
+
+
+def _events_on(
+    branch: Branch,
+    problem: OrbitProblem,
+    entries: Sequence[Entry],
+    certificates: Mapping[str, EventCertificate],
+) -> tuple[list[CertifiedEntry], dict[str, float]]:
+    """The events of a branch, and where crossings lie, those recorded on other branches as well."""
+    alike = [e for e in entries if certificates[e.id].located and _belongs_to(problem, e)]
+    own = [certified_entry(e, certificates[e.id], problem) for e in alike if e.branch == branch.id]
+    return own, {e.id: e.value for e in alike if kind_of(e.kind).crossing}
 
 
 def without_certificate(branch: Branch, why: str) -> BranchCertificate:
@@ -599,16 +611,15 @@ def verify_branch(
 
     Raises ValueError if the record is damaged.
     """
+    if not branch.word:
+        return without_certificate(branch, QUIET)
     began = time.perf_counter()
     with _branch_precision():
         problem = problem_of(branch, model, kernels)
+        own, crossings = _events_on(branch, problem, entries, certificates)
+        work = Examination(problem, record.kinds, own)
         points = points_of(branch, problem)
         scale = scale_of(problem, points)
-        alike = [e for e in entries if certificates[e.id].located and _belongs_to(problem, e)]
-        own = [entry for entry in alike if entry.branch == branch.id]
-        crossings = {e.id: e.value for e in alike if kind_of(e.kind).crossing}
-        places = [certified_entry(entry, certificates[entry.id], problem) for entry in own]
-        work = Examination(problem, record.kinds, places)
         stored = list(_stored_tubes(record, work.space, scale))
         if branch.ends[0].kind is EndKind.BORN and stored:
             _born(work, stored.pop(0)[0], 0)
@@ -616,7 +627,7 @@ def verify_branch(
             tube = prove_tube(segment, box) if box is not None else None
             work.account(segment, tube, DEEPEST)
         _reaches(work.found, points, scale)
-        return _certificate(branch, work, own, crossings, time.perf_counter() - began)
+        return _certificate(branch, work, crossings, time.perf_counter() - began)
 
 
 def _stored_tubes(
@@ -654,17 +665,13 @@ class _branch_precision:
 
 
 def _certificate(
-    branch: Branch,
-    work: Examination,
-    own: Sequence[Entry],
-    crossings: Mapping[str, float],
-    seconds: float,
+    branch: Branch, work: Examination, crossings: Mapping[str, float], seconds: float
 ) -> BranchCertificate:
     found = work.found
     found.link()
     found.name_crossings(crossings)
     total = sum(segment.length for segment, _ in found.tubes)
-    sought = [c.id for c in own if c.kind in work.kinds]
+    sought = [c.id for c in work.known if c.kind in work.kinds]
     lost = [name for name in sought if name not in found.events]
     segments = [segment for segment, _ in found.tubes]
     nodes = [segments[0].first, *(segment.last for segment in segments)]

@@ -13,20 +13,20 @@ from typing import Any, TypeVar
 import flint
 
 from .. import __version__
-from ..errors import InputError, NotInstalledError, explain_arguments, printable, short_repr
+from ..errors import DAMAGE, InputError, NotInstalledError, explain_arguments, printable, short_repr
 from ..models.model import Model
-from ..orbits.problem import OrbitProblem
+from ..orbits.problem import Linearisation
 from ..progress import Progress, ignore_progress
 from ..results.branch import Branch, Entry, model_at, model_of, orbit_of
 from ..results.catalogue import Results, open_results
 from ..results.diagram import Diagram
 from ..results.options import CertifyOptions
-from ..results.result_folder import digests_of, read_json
+from ..results.result_folder import digests_of
 from ..results.scene import Scene, load_scene
-from ..schema import DAMAGE, build_record, record
+from ..schema import build_record, record
 from ..segments.balls import INTEGRATED, without_enclosures
 from ..segments.kernels import Kernels
-from ..storage import Json, append, json_line, json_text, write_text
+from ..storage import Json, append_line, json_line, json_text, read_json, write_text
 from .branch import BranchCertificate, certify_branch, verify_branch, without_certificate
 from .event import EventCertificate, NoEnclosuresError, certify_entry, verify_entry
 
@@ -194,7 +194,7 @@ class CertificateLog:
             else:
                 content = record(certificate)
             row: dict[str, Json] = {"of": type(certificate).__name__, "certificate": content}
-            append(self.path, (json_line(row) + "\n").encode())
+            append_line(self.path, json_line(row))
 
     def remove(self) -> None:
         """Remove the file: all is written elsewhere."""
@@ -205,23 +205,22 @@ class CertificateLog:
 NONE = "there is no certificate"
 ROUNDING = 1e-9
 """Rounding error that shares may have."""
-QUIET = "proofs along branches are for orbits with impacts"
 
 
-class Problems:
-    """The orbit problems of entries; kernels of one system are loaded once."""
+class RecordedOrbits:
+    """The orbits of entries as they are recorded; kernels of one system are loaded once."""
 
     def __init__(self, model: Model | None = None) -> None:
         self.model = model
         self._kernels: dict[Any, Kernels] = {}
 
-    def of(self, entry: Entry) -> OrbitProblem:
-        """Return the problem of an entry.
+    def of(self, entry: Entry) -> Linearisation:
+        """Return the orbit of an entry.
 
         Raises InputError if the system is not known, or the entry is none of its orbits.
         """
         at = model_of(entry, self.model)
-        return orbit_of(entry, at, self._shared(at, entry.parameter)).problem
+        return orbit_of(entry, at, self._shared(at, entry.parameter)).linearisation
 
     def kernels(self, branch: Branch) -> Kernels:
         """Return the kernels of a branch."""
@@ -336,7 +335,7 @@ class _Work:
         self, options: CertifyOptions, model: Model | None, progress: Progress, kept: CertificateLog
     ) -> None:
         self.options, self.model, self.progress, self.kept = options, model, progress, kept
-        self.problems = Problems(model)
+        self.orbits = RecordedOrbits(model)
 
     def certificates(
         self, name: str, said: str, entries: Sequence[Entry], branches: Sequence[Branch]
@@ -346,7 +345,7 @@ class _Work:
             accepted = "proofs are for orbits of the forcing's period"
             raise InputError(name, "its orbits have a free period", accepted)
         for branch in branches:
-            self.problems.kernels(branch)
+            self.orbits.kernels(branch)
         found = reject_repeated(entries, self._each(entries))
         known = {c.id: c for c in found}
         tubes = self._branches(branches, entries, known) if self.options.branches else []
@@ -366,7 +365,7 @@ class _Work:
 
     def _entry(self, entry: Entry) -> EventCertificate:
         options = self.options
-        return certify_entry(entry, lambda: self.problems.of(entry), options.bits, options.max_bits)
+        return certify_entry(entry, lambda: self.orbits.of(entry), options.bits, options.max_bits)
 
     def _branches(
         self,
@@ -377,9 +376,6 @@ class _Work:
         found = []
         for branch in branches:
             if len(branch) < 2:
-                continue
-            if not branch.word:
-                found.append(without_certificate(branch, QUIET))
                 continue
             one = self.kept.get(BranchCertificate, branch.id)
             if one is None:
@@ -394,7 +390,7 @@ class _Work:
         def tell(text: str) -> None:
             self.progress(f"certifying {branch.id}, {branch.notation}: {text}")
 
-        kernels = self.problems.kernels(branch)
+        kernels = self.orbits.kernels(branch)
         kinds, seconds = self.options.events, self.options.seconds
         return certify_branch(branch, entries, known, kinds, self.model, kernels, tell, seconds)
 
@@ -438,24 +434,24 @@ def verify_results(
     began = time.perf_counter()
     entries, branches = results.entries, results.diagram.branches
     stored = read_certificates(results.folder)
-    problems, records = Problems(model), {c.id: c for c in stored.entries}
+    orbits, records = RecordedOrbits(model), {c.id: c for c in stored.entries}
 
     def prove(entry: Entry) -> EventCertificate:
         progress(f"verifying {entry.id}")
         record = records.get(entry.id)
         if record is None or not record.certified:
             return rejected_certificate(entry, "certificate", NONE)
-        return verify_entry(entry, record, lambda: problems.of(entry))
+        return verify_entry(entry, record, lambda: orbits.of(entry))
 
     found = reject_repeated(entries, [prove(entry) for entry in entries])
     known = {c.id: c for c in found}
     tubes, kept = [], {record.id: record for record in stored.branches}
     for branch in branches if kept else ():
         progress(f"verifying {branch.id}")
-        if branch.id not in kept or not branch.word:
-            tubes.append(without_certificate(branch, QUIET if not branch.word else NONE))
+        if branch.id not in kept:
+            tubes.append(without_certificate(branch, NONE))
             continue
-        kernels = problems.kernels(branch)
+        kernels = orbits.kernels(branch)
         try:
             one = verify_branch(branch, kept[branch.id], entries, known, model, kernels)
         except (ValueError, LookupError) as error:

@@ -14,10 +14,10 @@ from ..bifurcations.kind import kind_of
 from ..bifurcations.zero_velocity import impacts_at_rest as stopped_at
 from ..errors import InputError
 from ..models.word import Word
-from ..orbits.problem import OrbitProblem
+from ..orbits.problem import Linearisation
 from ..orbits.quiet import problem_of
 from ..orbits.search import solve_near
-from ..results.branch import Entry, coordinates, orbit_of
+from ..results.branch import Entry, orbit_of
 from ..results.entry_conversion import details_of
 from .equations import BallProblem, Balls, crosses, krawczyk, prove_zero
 from .orbit import Orbit, stops_at_once
@@ -50,7 +50,7 @@ def _is_repeated_grazing(space: BallProblem, box: Balls, inner: Balls, impact: i
     once, times = Word("", 1), problem.word.period
     if not alone:
         once, times = _primitive_word(problem.word.drop(impact))
-    if times == 1 or not (problem.model.guard(wall).rigid if alone else m == 2):
+    if times == 1 or not (problem.model.guard(wall).rigid if alone else problem.paired):
         return False
     base = BallProblem(problem_of(problem.model, once, problem.kernels), space.bits)
     middles = [float(x.mid()) for x in inner]
@@ -118,7 +118,8 @@ SAID = ("touch", "stability", "physicality", "stable", "ghost", "notation", "lab
 FAILURES = (ArithmeticError, ValueError)
 """Exceptions of ball arithmetic where an enclosure holds a pole or does not decide."""
 
-Problem = Callable[[], OrbitProblem]
+Recorded = Callable[[], Linearisation]
+"""Makes the orbit of an entry as it is recorded."""
 
 
 @dataclass(frozen=True)
@@ -171,15 +172,15 @@ class RejectedError(Exception):
 
 
 def certify_entry(
-    entry: Entry, problem: Problem | None = None, bits: int = 128, most: int = 512
+    entry: Entry, recorded: Recorded | None = None, bits: int = 128, most: int = 512
 ) -> EventCertificate:
-    """Prove an entry of a catalogue, of the problem that is returned, by default that of the system
-    it names. The precision begins with `bits` and is doubled where a proof fails, to `most`."""
-    return _attempt(entry, problem, bits, most, _isolate_zero)
+    """Prove an entry of a catalogue, of the orbit `recorded`, by default that of the system it
+    names. The precision begins with `bits` and is doubled where a proof fails, to `most`."""
+    return _attempt(entry, recorded, bits, most, _isolate_zero)
 
 
 def verify_entry(
-    entry: Entry, record: EventCertificate, problem: Problem | None = None
+    entry: Entry, record: EventCertificate, recorded: Recorded | None = None
 ) -> EventCertificate:
     """Prove an entry anew from the boxes of its certificate; nothing is searched for."""
 
@@ -197,7 +198,7 @@ def verify_entry(
     if not LEAST_BITS <= record.bits <= MOST_BITS:
         found = f"{record.bits} bits, of {LEAST_BITS} to {MOST_BITS}"
         return EventCertificate(entry.id, entry.kind, entry.branch, clause="bits", found=found)
-    return _attempt(entry, problem, record.bits, record.bits, stored)
+    return _attempt(entry, recorded, record.bits, record.bits, stored)
 
 
 Boxes = Callable[[BallProblem, Any, Sequence[float]], tuple[Balls, Balls]]
@@ -211,14 +212,14 @@ def _isolate_zero(space: BallProblem, system: Any, guess: Sequence[float]) -> tu
 
 
 def _attempt(
-    entry: Entry, problem: Problem | None, bits: int, most: int, boxes: Boxes
+    entry: Entry, recorded: Recorded | None, bits: int, most: int, boxes: Boxes
 ) -> EventCertificate:
     began = time.perf_counter()
     found = EventCertificate(entry.id, entry.kind, entry.branch)
     try:
-        own = problem() if problem is not None else orbit_of(entry).problem
+        here = recorded() if recorded is not None else orbit_of(entry).linearisation
         while True:
-            found = _certify_at_precision(entry, own, bits, boxes)
+            found = _certify_at_precision(entry, here, bits, boxes)
             if found.certified or not _is_undecided(found) or 2 * bits > most:
                 break
             bits *= 2
@@ -240,14 +241,14 @@ def _is_undecided(found: EventCertificate) -> bool:
 
 
 def _certify_at_precision(
-    entry: Entry, problem: OrbitProblem, bits: int, boxes: Boxes
+    entry: Entry, here: Linearisation, bits: int, boxes: Boxes
 ) -> EventCertificate:
     """The certificate in a precision."""
     found = EventCertificate(entry.id, entry.kind, entry.branch, bits=bits)
     with ctx.workprec(bits):
         try:
-            orbit, box, inner = _prove_existence(entry, problem, bits, boxes)
-            value = inner[problem.n]
+            orbit, box, inner = _prove_existence(entry, here, bits, boxes)
+            value = inner[here.problem.n]
             found = replace(
                 found,
                 certified_radius=float(value.rad().upper()) * (1.0 + 2.0**-50),
@@ -255,7 +256,7 @@ def _certify_at_precision(
                 box=tuple(map(decimal, box)),
                 inner=tuple(map(decimal, inner)),
             )
-            _agrees(entry, orbit, inner)
+            _agrees(entry, here, orbit, inner)
             _check_statements(entry, orbit)
         except RejectedError as error:
             return replace(found, clause=error.clause, found=error.found)
@@ -271,11 +272,11 @@ def decimal(ball: Any) -> str:
 
 
 def _prove_existence(
-    entry: Entry, problem: OrbitProblem, bits: int, boxes: Boxes
+    entry: Entry, here: Linearisation, bits: int, boxes: Boxes
 ) -> tuple[Orbit, Balls, Balls]:
     """Existence and uniqueness in a box that holds what is recorded."""
+    problem, recorded = here.problem, here.unknowns
     space, details, kind = BallProblem(problem, bits), details_of(entry), kind_of(entry.kind)
-    recorded = recorded_unknowns(entry, problem)
     equations = kind.in_many_digits(space, recorded, details)
     if equations is None:
         raise RejectedError("kind", f"there are no equations of {entry.kind} to be certified")
@@ -302,29 +303,17 @@ def _prove_existence(
     return Orbit(space, z, kind, exact, stopped), box, inner
 
 
-def recorded_unknowns(entry: Entry, problem: OrbitProblem) -> Any:
-    """Return the recorded impacts and the followed parameter; without impacts, what is searched
-    for."""
-    if not entry.word:
-        return orbit_of(entry, problem.model, problem.kernels).linearisation.unknowns
-    names = ["time", "velocity", *coordinates(problem.m)[2:]]
-    rows = [[impact[name] for name in names] for impact in entry.impacts]
-    if len(rows) != len(entry.word):
-        raise RejectedError("value", f"{len(rows)} impacts of the word {entry.word!r}")
-    return np.append(np.array(rows, dtype=float).ravel(), entry.value)
-
-
-def _agrees(entry: Entry, orbit: Orbit, inner: Balls) -> None:
+def _agrees(entry: Entry, here: Linearisation, orbit: Orbit, inner: Balls) -> None:
     """The recorded numbers are those of the event."""
-    problem, space = orbit.space.problem, orbit.space
+    problem, space = here.problem, orbit.space
     value = inner[problem.n]
     if abs(value - entry.value) > entry.error or not entry.error >= 0.0:
         off = (value - entry.value).str(5)
         raise RejectedError(
             "value", f"{entry.parameter} is off by {off}, the recorded error is {entry.error:.3g}"
         )
-    given = np.array([]) if not entry.word else recorded_unknowns(entry, problem)
-    _require_near("impacts", zip(map(str, range(problem.n)), given.tolist(), inner, strict=False))
+    given = here.unknowns.tolist() if entry.word else []
+    _require_near("impacts", zip(map(str, range(problem.n)), given, inner, strict=False))
     if entry.touch_time is not None:
         touch = orbit.details["touch_time"]
         _require_near("touch_time", [("touch_time", entry.touch_time, touch)])
@@ -346,13 +335,15 @@ def _require_near(clause: str, numbers: Any) -> None:
 
 def _check_statements(entry: Entry, orbit: Orbit) -> None:
     """What the entry says of its orbit."""
-    _clause("touch", orbit.touches(), True)
-    outside, why = orbit.unstable()
-    _clause("stability", (outside, why), entry.n_unstable)
-    physical, reason = orbit.physical()
-    _clause("physicality", (physical, reason), entry.physical)
-    ghost = outside > 0 or not physical
-    _require_recorded("stable", entry.stable, outside == 0)
+    said = {"touch": True, "stability": entry.n_unstable, "physicality": entry.physical}
+    for clause, (found, why) in orbit.claims():
+        if found is None:
+            raise RejectedError(clause, f"{UNDECIDED}: {why}")
+        if found != said[clause]:
+            text = f"recorded {said[clause]}, proven {found}{why and ': ' + why}"
+            raise RejectedError(clause, text)
+    ghost = entry.n_unstable > 0 or not entry.physical
+    _require_recorded("stable", entry.stable, entry.n_unstable == 0)
     _require_recorded("ghost", entry.ghost, ghost)
     letters = [wall.name for wall in orbit.space.problem.model.WALLS]
     word = orbit.space.problem.word
@@ -361,14 +352,6 @@ def _check_statements(entry: Entry, orbit: Orbit) -> None:
         _require_recorded("notation", entry.notation, notation)
     tilde = ghost and orbit.kind.tilde
     _require_recorded("label", entry.label.startswith("~"), tilde)
-
-
-def _clause(clause: str, claim: tuple[Any, str], said: Any) -> None:
-    found, why = claim
-    if found is None:
-        raise RejectedError(clause, f"{UNDECIDED}: {why}")
-    if found != said:
-        raise RejectedError(clause, f"recorded {said}, proven {found}{why and ': ' + why}")
 
 
 def _require_recorded(clause: str, recorded: Any, proven_: Any) -> None:

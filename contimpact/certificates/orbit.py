@@ -247,6 +247,12 @@ class Orbit:
     details: Mapping[str, Any]
     at_rest: tuple[int, ...] = ()
 
+    def claims(self) -> Iterator[tuple[str, Claim]]:
+        """Yield what is proven of it by the name of the clause, one after the other."""
+        yield "touch", self.touches()
+        yield "stability", self.unstable()
+        yield "physicality", self.physical()
+
     # Stability.
 
     def unstable(self) -> Claim:

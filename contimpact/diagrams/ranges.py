@@ -24,25 +24,16 @@ from ..errors import InputError, explain_arguments
 from ..models.model import Model
 from ..models.word import Word, is_rotation
 from ..results.branch import Branch, Entry, model_at
-from ..results.catalogue import (
-    Bound,
-    Motion,
-    Share,
-    check_reading,
-    load_diagram,
-    read_fractions,
-    shorten_names,
-)
+from ..results.catalogue import Bound, Motion, Share, load_diagram, read_fractions, shorten_names
 from ..results.diagram import Diagram
 from ..results.diagram_reading import Interval
-from ..results.result_folder import read_json
 from ..schema import build_record, fit_value
 from ..segments.kernels import Kernels
 from ..simulation.attractor import Attractor, Kind
 from ..simulation.basins import Coverage, begins_with, cover, orbits_on
 from ..simulation.files import COVERAGE, TRANSITIONS, sweep_of
 from ..simulation.sweep import Row, Sweep
-from ..storage import csv_text, is_there
+from ..storage import check_reading, csv_text, is_there, read_json
 from .crisis_location import CR
 
 RANGES = "contimpact.ranges/1"

@@ -16,8 +16,8 @@ from functools import cache
 from random import Random
 from typing import Any, ClassVar, Protocol, Self, TypeAlias, TypeVar
 
-from ..errors import InputError, short_repr, shorten
-from ..schema import DAMAGE, build_record
+from ..errors import DAMAGE, InputError, short_repr, shorten
+from ..schema import build_record
 from .expressions import (
     CONSTANTS,
     FUNCTIONS,

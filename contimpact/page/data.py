@@ -21,7 +21,7 @@ from ..models.guards import Guard, orders_of
 from ..models.model import Model
 from ..progress import Progress, ignore_progress, tell_each
 from ..results.branch import Branch, Entry, coordinates
-from ..results.catalogue import SWEEP, Motion, Share, check_reading, shorten_names, sweep_cells
+from ..results.catalogue import SWEEP, Motion, Share, shorten_names, sweep_cells
 from ..results.curve import (
     Area,
     Coverage,
@@ -44,6 +44,7 @@ from ..results.quantities import GREEK, PI_BELOW, label_parts
 from ..results.scene import OUTPUT_ERROR
 from ..segments.arithmetic import ARRAYS, evaluate_in
 from ..segments.kernels import Kernels
+from ..storage import check_reading
 
 # Numbers and texts as a page embeds them: compact, exact, and nothing but data.
 

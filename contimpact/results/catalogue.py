@@ -8,7 +8,6 @@ the first lines of tables write it as the text ``inf``, ``-inf`` or ``nan``, whi
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import dataclasses
 import functools
@@ -28,19 +27,20 @@ from ..arrays import Array
 from ..errors import InputError, explain_arguments
 from ..models.model import Model
 from ..models.word import LONGEST_WORD
-from ..schema import DAMAGE, attribute, build_record, fit_value, record, table_columns
+from ..schema import attribute, build_record, fit_value, record, table_columns
 from ..storage import (
     LARGEST_RECORD,
     Content,
     Json,
     check_length,
+    check_reading,
     csv_of_records,
     csv_text,
     json_line,
     json_text,
     open_plain,
     read_bounded,
-    reason,
+    read_json,
     unescape_text,
     write_all,
 )
@@ -56,8 +56,7 @@ from .result_folder import (
     branch_file,
     curve_file,
     hold_folder,
-    read_json,
-    reading,
+    reading_catalogue,
     renew_folder,
 )
 from .scene import Scene, load_scene, read_scene
@@ -82,26 +81,6 @@ WHOLE = ("n_unstable", "physical", "iterations")
 """Columns of a table that hold no floating-point numbers."""
 BLOCK = 1024
 """Rows of a table converted at a time."""
-
-
-# Files.
-
-
-@contextlib.contextmanager
-def check_reading(path: Path, schema: str) -> Iterator[None]:
-    """Turn what goes wrong with a file of a schema into `InputError`."""
-    try:
-        yield
-    except InputError:
-        raise
-    except OSError as error:
-        raise InputError(
-            str(path), f"cannot be read ({reason(error)})", f"give a file of {schema!r}"
-        ) from None
-    except (*DAMAGE, csv.Error) as error:
-        raise InputError(
-            str(path), f"damaged ({type(error).__name__}: {error})", f"give a file of {schema!r}"
-        ) from None
 
 
 SWEEP = "contimpact.sweep/1"
@@ -406,9 +385,7 @@ def load_entries(folder: str | Path) -> list[Entry]:
     InputError
         If there is no catalogue of this schema, or its run was ended while it wrote the folder.
     """
-    path = Path(folder) / "catalogue.json"
-    with reading(path.parent), check_reading(path, CATALOGUE):
-        content = read_json(path, CATALOGUE, WANTED)
+    with reading_catalogue(Path(folder)) as (_, content):
         return [entry_of(record) for record in content["entries"]]
 
 
@@ -448,9 +425,7 @@ class Results:
 
 def open_results(folder: Path) -> Results:
     """Return what a folder of results holds; raises InputError as `load_diagram` does."""
-    path = folder / "catalogue.json"
-    with reading(folder) as manifest, check_reading(path, CATALOGUE):
-        content = read_json(path, CATALOGUE, WANTED)
+    with reading_catalogue(folder) as (manifest, content):
         found = build_record(_Catalogue, content)
         entries = [entry_of(record) for record in found.entries]
         branches = [_branch_of(folder, record) for record in found.branches]

@@ -14,8 +14,8 @@ from ..errors import InputError, explain_arguments
 from ..schema import fit_value
 from ..storage import Content, csv_text, json_text, markdown_cell, write, write_all, write_text
 from .branch import Branch
-from .catalogue import check_reading, entry_of
-from .result_folder import CATALOGUE, WANTED, read_json, reading, sha256
+from .catalogue import entry_of
+from .result_folder import WANTED, reading_catalogue, sha256
 
 END_POINT = 9
 
@@ -88,11 +88,9 @@ def merge(folders: Sequence[str | Path]) -> dict[str, Any]:
     sources: list[dict[str, Any]] = []
     entries: list[dict[str, Any]] = []
     for folder in map(Path, folders):
-        path = folder / "catalogue.json"
-        with reading(folder) as manifest:
-            content = read_json(path, CATALOGUE, WANTED)
-            digest, origin = sha256(path), _manifest_summary(folder, manifest)
-        with check_reading(path, CATALOGUE):
+        with reading_catalogue(folder) as (manifest, content):
+            digest = sha256(folder / "catalogue.json")
+            origin = _manifest_summary(folder, manifest)
             scene = fit_value(content["scene"], str, "scene")
             for record in content["entries"]:
                 entry_of(record)

@@ -26,11 +26,12 @@ from ..storage import (
     FOR_ALL,
     LOCK,
     PACKED,
+    check_reading,
     hold_lock,
     is_there,
     json_text,
     put,
-    read_bounded,
+    read_json,
     read_plain,
     reason,
     remove_leftovers,
@@ -61,8 +62,6 @@ WRITTEN = {
 with the catalogue they belong to."""
 
 WANTED = "a folder made by contimpact run"
-DEEPEST = 64
-"""How deep a JSON file may be nested."""
 LONGEST = 1 << 24
 """Bytes that the first line of a table may have."""
 
@@ -318,6 +317,14 @@ def reading(folder: Path) -> Iterator[Mapping[str, Any] | None]:
         raise InputError(str(folder), "written anew while it was read", "read it again")
 
 
+@contextlib.contextmanager
+def reading_catalogue(folder: Path) -> Iterator[tuple[Mapping[str, Any] | None, dict[str, Any]]]:
+    """As `reading`; gives the manifest and the catalogue, and names what is wrong with that."""
+    path = folder / "catalogue.json"
+    with reading(folder) as manifest, check_reading(path, CATALOGUE):
+        yield manifest, read_json(path, CATALOGUE, WANTED)
+
+
 def digests_of(folder: Path, files: Iterable[str]) -> dict[str, str]:
     """Return the digests of those of a folder's files that are read back, by name."""
     names = sorted({name for name in files if SEALED.fullmatch(name)})
@@ -352,30 +359,6 @@ def sha256(path: Path) -> str | None:
         return hashlib.sha256(read_plain(path)[0]).hexdigest()
     except OSError:
         return None
-
-
-def read_json(path: Path, schema: str, wanted: str) -> dict[str, Any]:
-    """Read a JSON file of a schema, or raise `InputError`."""
-    try:
-        content = json.loads(read_bounded(path).decode())
-        _check_depth(content)
-    except OSError as error:
-        raise InputError(str(path), f"cannot be read ({reason(error)})", f"give {wanted}") from None
-    except (ValueError, RecursionError) as error:
-        raise InputError(str(path), f"not JSON ({error})", f"give {wanted}") from None
-    found = content.get("schema") if isinstance(content, dict) else None
-    if found != schema:
-        raise InputError(str(path), f"its schema is {found!r}", f"this version reads {schema!r}")
-    return content
-
-
-def _check_depth(content: Any, left: int = DEEPEST) -> None:
-    """Raise `ValueError` if plain data are nested deeper than any of ours."""
-    if not left:
-        raise ValueError("nested too deeply")
-    if isinstance(content, dict | list):
-        for part in content.values() if isinstance(content, dict) else content:
-            _check_depth(part, left - 1)
 
 
 # The manifest of a folder of results: what was asked, what ran, its cost, what was left out.

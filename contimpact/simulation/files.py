@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import __version__
-from ..errors import InputError, explain_arguments, short_repr
+from ..errors import DAMAGE, InputError, explain_arguments, short_repr
 from ..models.model import Model
 from ..orbits.orbit import Orbit
 from ..results.branch import Branch, Entry, model_by_name, orbit_with
@@ -27,7 +27,6 @@ from ..results.catalogue import (
     CURVE,
     SWEEP,
     branch_text,
-    check_reading,
     curve_text,
     entry_of,
     load_diagram,
@@ -38,10 +37,11 @@ from ..results.catalogue import (
 )
 from ..results.curve import Curve
 from ..results.diagram import Diagram
-from ..schema import DAMAGE, build_record, fit_value
+from ..schema import build_record, fit_value
 from ..storage import (
     Json,
-    append,
+    append_line,
+    check_reading,
     csv_of_records,
     csv_text,
     is_there,
@@ -177,7 +177,7 @@ class Checkpoint:
         if self.lost:
             return
         try:
-            append(self.path, (json.dumps(record) + "\n").encode())
+            append_line(self.path, json.dumps(record))
         except OSError as error:
             self.lost = reason(error)
 

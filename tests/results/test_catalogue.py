@@ -31,8 +31,8 @@ from contimpact.results.catalogue import (
     read_branch,
 )
 from contimpact.results.diagram import Diagram
-from contimpact.results.result_folder import CATALOGUE, MANIFEST, prepare_folder, read_json
-from contimpact.storage import json_text, write_text
+from contimpact.results.result_folder import CATALOGUE, MANIFEST, prepare_folder
+from contimpact.storage import json_text, read_json, write_text
 
 SCENE = ROOT / "branches" / "fig7" / "scene.toml"
 

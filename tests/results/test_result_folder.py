@@ -578,7 +578,7 @@ def test_a_simulation_on_a_disk_that_gets_full(scene, tmp_path, monkeypatch, cap
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("contimpact.simulation.files.append", full)
+    monkeypatch.setattr("contimpact.simulation.files.append_line", full)
     assert run("simulate", path, "-o", folder, "-q", "--no-plot") == 1
     assert "not written (No space left on device): rows.jsonl" in capsys.readouterr().err
     whole = (tmp_path / "whole" / "sweep.csv").read_bytes()

@@ -15,7 +15,7 @@ from contimpact.errors import InputError, NotWrittenError
 from contimpact.storage import (
     ENDED,
     Process,
-    append,
+    append_line,
     is_there,
     put,
     read_bounded,
@@ -47,10 +47,10 @@ def test_nothing_is_added_through_a_link(tmp_path):
     (tmp_path / "victim").write_text("kept")
     (tmp_path / "file").symlink_to(tmp_path / "victim")
     with pytest.raises(OSError, match="file"):
-        append(tmp_path / "file", b"more")
+        append_line(tmp_path / "file", "more")
     assert (tmp_path / "victim").read_text() == "kept"
-    append(tmp_path / "victim", b" and more")
-    assert (tmp_path / "victim").read_text() == "kept and more"
+    append_line(tmp_path / "victim", " and more")
+    assert (tmp_path / "victim").read_text() == "kept and more\n"
 
 
 @links
