@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .certificates.certify import certify as certify
-    from .continuation.settings import Settings as Settings
+    from .continuation.branch import Settings as Settings
     from .diagrams.crises import find_crises as find_crises
     from .diagrams.crises import find_crisis_margin as find_crisis_margin
     from .diagrams.crises import follow_crisis as follow_crisis
@@ -66,9 +66,6 @@ if TYPE_CHECKING:
     from .results.scene import new_scene as new_scene
     from .results.scene import read_scene as read_scene
     from .segments.checking import check_model as check_model
-    from .simulation.basins import Basins as Basins
-    from .simulation.basins import basins as basins
-    from .simulation.basins import cover as cover
     from .simulation.energy import energy as energy
     from .simulation.energy import losses as losses
     from .simulation.files import load as load
@@ -79,6 +76,9 @@ if TYPE_CHECKING:
     from .simulation.manifolds import grow_manifold as grow_manifold
     from .simulation.settle import settle as settle
     from .simulation.simulator import Simulator as Simulator
+    from .simulation.sweep import Basins as Basins
+    from .simulation.sweep import basins as basins
+    from .simulation.sweep import cover as cover
     from .simulation.sweep import find_attractors as find_attractors
     from .simulation.sweep import sweep as sweep
     from .simulation.transitions import find_transitions as find_transitions

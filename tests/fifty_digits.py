@@ -22,9 +22,9 @@ import mpmath
 from flint import arb
 from mpmath.libmp import MPZ
 
-from contimpact.segments.arithmetic import Arithmetic
 from contimpact.segments.bounded import many_digits
 from contimpact.segments.linear_flow import Shape, generators
+from contimpact.segments.segment import Arithmetic
 from contimpact.segments.transients import HIGHEST, MOTIONS, TABLES, TOGETHER
 
 try:

@@ -14,9 +14,8 @@ from contimpact.bifurcations.kind import Change, kind_of
 from contimpact.continuation.branch import EndKind, Points
 from contimpact.diagrams import orbit_branch, orbit_walks
 from contimpact.diagrams.orbit_walks import places_with_status
-from contimpact.orbits.multipliers import count_unstable
-from contimpact.orbits.physicality import PHYSICAL
 from contimpact.orbits.problem import Summary, rounding
+from contimpact.orbits.status import PHYSICAL, count_unstable
 from contimpact.segments.bounded import UNIT
 
 EVENT_RESIDUAL = 1e-10

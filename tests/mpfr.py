@@ -9,7 +9,7 @@ import math
 
 import gmpy2
 
-from contimpact.segments.arithmetic import FUNCTIONS
+from contimpact.segments.segment import FUNCTIONS
 
 
 class Context:

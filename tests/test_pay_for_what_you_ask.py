@@ -325,7 +325,7 @@ def test_multipliers_import_one_routine():
     """scipy.linalg imports much more; it has the same routine when it is imported later."""
     text = (
         "import sys; import numpy as np; "
-        "from contimpact.orbits.multipliers import pencil_multipliers; "
+        "from contimpact.orbits.status import pencil_multipliers; "
         "found = pencil_multipliers(np.diag([2.0, 3.0, 4.0]), -np.eye(3)); "
         "assert np.allclose(found, [4.0, 3.0, 2.0]); "
         "assert 'scipy.linalg' not in sys.modules and 'numpy.f2py' not in sys.modules; "

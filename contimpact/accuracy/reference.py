@@ -19,9 +19,9 @@ from ..bifurcations.kind import kind_of
 from ..models.guards import way_back
 from ..models.word import Word
 from ..orbits.problem import Array, OrbitProblem
-from ..segments.arithmetic import evaluate_in
 from ..segments.bounded import many_digits
 from ..segments.kernels import Kernels
+from ..segments.segment import evaluate_in
 from ..simulation.run import Run
 from ..simulation.simulator import Simulator
 from .shooting import EVALUATIONS, EXPLICIT, IMPLICIT, Shooting, take_within_budget, time_task

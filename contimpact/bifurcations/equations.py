@@ -16,8 +16,8 @@ import numpy as np
 from ..arrays import Array, Number
 from ..continuation.branch import Details
 from ..orbits.problem import OrbitProblem
-from ..segments.arithmetic import Arithmetic, evaluate_in
 from ..segments.layout import SECTION
+from ..segments.segment import Arithmetic, evaluate_in
 
 Flight: TypeAlias = tuple[list[Any], list[Any], list[Any], list[Any]]
 """Residual, A, B and derivative by lambda of a flight, row by row."""

@@ -60,7 +60,7 @@ class Orbits(Protocol):
     """P orbits on a branch, a row each; what is costly is computed when it is asked for.
 
     `unknowns` and `tangents` are of shape (P, n + 1), `orientations`, `doubling` and `spans`, the
-    orbits' periods, (P,), and `products` (P, pairs); see `contimpact.orbits.multipliers.Stability`.
+    orbits' periods, (P,), and `products` (P, pairs); see `contimpact.orbits.status.Stability`.
     `gaps`, the smallest interior gap of each flight to each wall, NaN if there is none, are
     (P, N, W), `slowest` (P, N), as of `contimpact.segments.flight.excursions`, and `derived`
     parameters (P, D).

@@ -34,10 +34,9 @@ import numpy as np
 from ..continuation.branch import Between, EndKind, Location, Point, Problem, TestFunction
 from ..models.guards import Guard, way_back
 from ..models.word import Word
-from ..orbits.multipliers import count_unstable
-from ..orbits.physicality import PASSES, Verdict
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
+from ..orbits.status import PASSES, Verdict, count_unstable
 from ..segments.flight import Touch
 from ..segments.segment import ELSEWHERE
 from .event_solver import LocatedPoint

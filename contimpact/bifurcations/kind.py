@@ -23,11 +23,10 @@ from ..arrays import Array
 from ..continuation.branch import Details, EndKind, Evaluation, Event, Point, TestFunction
 from ..continuation.corrector import border_jacobian, first_tangent, scaled_determinant
 from ..models.word import Word, repetitions
-from ..orbits.multipliers import count_unstable, neimark_sacker
-from ..orbits.physicality import Verdict
 from ..orbits.problem import Linearisation, OrbitProblem, rounding
 from ..orbits.quiet import problem_of
 from ..orbits.search import first_lap, reduce_period
+from ..orbits.status import Verdict, count_unstable, neimark_sacker
 from ..segments.flight import Touch
 from .declarations import CROSSINGS, FILES, unknown_kind
 from .equations import Equations as Equations
@@ -188,7 +187,7 @@ class Kind(ABC):
     changes: Change | None = None
     """What changes along a branch there as a rule."""
     finding: int | None = None
-    """Why orbits beyond it are unphysical: a finding of `contimpact.orbits.physicality`."""
+    """Why orbits beyond it are unphysical: a finding of `contimpact.orbits.status`."""
     multiplier: float | None = None
     """The value of a multiplier there."""
     crossing: bool = False

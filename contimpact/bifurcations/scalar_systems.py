@@ -18,12 +18,12 @@ import numpy as np
 from ..arrays import Table, Vector
 from ..continuation.corrector import ALONG, NO_TANGENT, angle, cubic, norm
 from ..orbits.block_cyclic import store
-from ..orbits.multipliers import (
+from ..orbits.status import (
+    AT_REST,
     multipliers_by_elimination,
     product_of_multipliers,
     tangent_by_elimination,
 )
-from ..orbits.physicality import AT_REST
 from ..segments.bounded import add_pairs, multiply_pairs
 from ..segments.layout import Blocks, Setup
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from ..continuation.branch import EndKind, Point, TestFunction
 from ..models.word import Word
-from ..orbits.multipliers import neimark_sacker
 from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding
+from ..orbits.status import neimark_sacker
 from .extended_system import (
     ExtendedSystem,
     OrbitEvent,

@@ -15,9 +15,8 @@ import numpy as np
 
 from ..continuation.branch import Location, Problem, TestFunction
 from ..models.word import Word
-from ..orbits.multipliers import count_unstable
-from ..orbits.physicality import WRONG_WAY, Verdict
 from ..orbits.problem import Array, Linearisation, OrbitProblem
+from ..orbits.status import WRONG_WAY, Verdict, count_unstable
 from .extended_system import (
     ExtendedSystem,
     OrbitEvent,

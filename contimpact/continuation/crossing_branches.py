@@ -19,9 +19,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..arrays import Array
-from .branch import Point, Problem, Refusal, RefusalDetails
+from .branch import Point, Problem, Refusal, RefusalDetails, Settings
 from .corrector import Arc, length
-from .settings import Settings
 from .step import Notice
 
 NARROWING, GLANCES = 12, 2

@@ -35,8 +35,8 @@ from ..orbits.cyclic_chain import (
     observe_chain,
     tangent_of_chain,
 )
-from ..orbits.multipliers import known_multipliers, pencil_multipliers, products_of, stability_of
 from ..orbits.problem import Linearisation, OrbitProblem
+from ..orbits.status import known_multipliers, pencil_multipliers, products_of, stability_of
 from ..segments.compiling import timed_plainly
 from ..segments.layout import SECTION, Blocks, Setup
 from ..segments.oscillation import MOST, ROW

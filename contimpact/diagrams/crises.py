@@ -14,8 +14,7 @@ import numpy as np
 from ..arrays import Array
 from ..bifurcations.crisis import Connected, Connection, error_of, solve
 from ..bifurcations.extended_system import EPSILON
-from ..continuation.branch import End, EndKind, Event, Point, Points
-from ..continuation.settings import Settings
+from ..continuation.branch import End, EndKind, Event, Point, Points, Settings
 from ..continuation.walk import walk
 from ..errors import InputError, explain_arguments
 from ..models.model import Model
@@ -31,8 +30,7 @@ from ..results.options import CURVE_SETTINGS, SimulateOptions, tolerance_sizes
 from ..results.scene import Scene
 from ..segments.kernels import Kernels
 from ..simulation.attractor import Attractor, Kind
-from ..simulation.basins import orbits_on
-from ..simulation.sweep import Row, Simulators, Sweep, sweep
+from ..simulation.sweep import Row, Simulators, Sweep, orbits_on, sweep
 from ..simulation.transitions import all_changes, locate
 from ..storage import Json, json_text
 from .connection_paths import is_physical

@@ -41,8 +41,8 @@ from ..continuation.branch import Block, Details, EndKind, Point, TestFunction
 from ..continuation.step import EVALUATIONS, Backend, Batch, Position, batch_of, columns, take_steps
 from ..errors import InputError, short_repr
 from ..models.model import Model
-from ..orbits.physicality import Verdict
 from ..orbits.problem import Linearisation, OrbitProblem
+from ..orbits.status import Verdict
 from ..results.branch import Entry, orbit_of
 from ..results.entry_conversion import details_of
 from ..segments.compiling import CompiledProgram, load, mode, timed_plainly

@@ -21,16 +21,15 @@ import numpy as np
 from ..arrays import Array
 from ..bifurcations.extended_system import solve
 from ..bifurcations.kind import kind_of, primitive_start, switch, test_functions
-from ..continuation.branch import End, EndKind, Event, Points, TestFunction
+from ..continuation.branch import End, EndKind, Event, Points, Settings, TestFunction
 from ..continuation.corrector import correct, first_tangent
-from ..continuation.settings import Settings
 from ..models.model import Model
 from ..models.word import Word, is_rotation
 from ..orbits.orbit import Orbit
-from ..orbits.physicality import PHYSICAL
 from ..orbits.problem import OrbitProblem, Summary
 from ..orbits.quiet import problem_of
 from ..orbits.search import find_orbits, reduce_period, rotate_to_word, search_for, solve_near
+from ..orbits.status import PHYSICAL
 from ..progress import Progress
 from ..results.branch import Branch, Entry, columns_of, orbit_of
 from ..results.curve import BIRTHS, Coverage, Curve

@@ -25,6 +25,7 @@ from ..continuation.branch import (
     Event,
     Point,
     Points,
+    Settings,
     TestFunction,
     UserFunction,
     Walk,
@@ -32,7 +33,6 @@ from ..continuation.branch import (
 )
 from ..continuation.corrector import correct
 from ..continuation.events import separate_events, snap_to_points
-from ..continuation.settings import Settings
 from ..continuation.walk import (
     SAME_SOLUTION,
     Options,
@@ -45,12 +45,11 @@ from ..continuation.walk import (
 from ..errors import InputError, each_once, explain_arguments, short_repr
 from ..models.model import Model, Symmetry
 from ..models.word import Word
-from ..orbits.multipliers import count_unstable
 from ..orbits.orbit import Orbit
-from ..orbits.physicality import PHYSICAL, reason_of
 from ..orbits.problem import OrbitProblem, Summary
 from ..orbits.quiet import problem_in
 from ..orbits.search import mirror_orbit, reduce_period, repeats, rotate_to_word, solve_near
+from ..orbits.status import PHYSICAL, count_unstable, reason_of
 from ..progress import Asked, chain_callbacks, counting_callback, progress_lines
 from ..results.branch import Branch, Entry, columns_of
 from ..results.diagram import Diagram

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from ..arrays import Table, Vector
 from ..continuation.step import take_steps
 from ..orbits.block_cyclic import POSITIONS, UNRESOLVED, assemble, eliminate, solve
-from ..orbits.multipliers import (
+from ..orbits.status import (
     doubling_by_elimination,
     multipliers_by_elimination,
     product_of_multipliers,
     tangent_by_elimination,
+    verdict,
 )
-from ..orbits.physicality import verdict
 from ..segments.layout import Blocks, Setup
 
 if TYPE_CHECKING:

@@ -22,13 +22,13 @@ from ..orbits.cyclic_chain import (
     observe_chain,
     tangent_of_chain,
 )
-from ..segments.arithmetic import Kernel, kernel_of
 from ..segments.flight import add_excursions
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION, Family
 from ..segments.linear_flow import LONGEST, MEANS, SLOPES, balance, flow, halve_time
 from ..segments.machine_code import Program, choice
 from ..segments.oscillation import FollowedFlight, row_of, row_of_compiled
+from ..segments.segment import Kernel, kernel_of
 from ..segments.taylor import EXCURSION, flight_kernel, path_kernel, start_kernel
 from ..syntax import parse
 from .orbit_functions import (

@@ -21,19 +21,18 @@ from ..continuation.branch import (
     Point,
     Points,
     Problem,
+    Settings,
     TestFunction,
     Walk,
 )
 from ..continuation.corrector import EPSILON, Arc
 from ..continuation.events import find_events
-from ..continuation.settings import Settings
 from ..continuation.sign_changes import Sample, Stretch
 from ..continuation.step import Backend, Batch, DenseBackend, Position
 from ..continuation.walk import Options, Policy, walk
-from ..orbits.multipliers import UNIT_CIRCLE_ROUNDING, count_unstable
-from ..orbits.physicality import PHYSICAL
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.quiet import FreeQuietProblem
+from ..orbits.status import PHYSICAL, UNIT_CIRCLE_ROUNDING, count_unstable
 from ..segments.compiling import note_uncompiled
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION

@@ -30,9 +30,8 @@ from ..results.diagram_reading import Interval
 from ..schema import build_record, fit_value
 from ..segments.kernels import Kernels
 from ..simulation.attractor import Attractor, Kind
-from ..simulation.basins import Coverage, begins_with, cover, orbits_on
 from ..simulation.files import COVERAGE, TRANSITIONS, sweep_of
-from ..simulation.sweep import Row, Sweep
+from ..simulation.sweep import Coverage, Row, Sweep, begins_with, cover, orbits_on
 from ..storage import check_reading, csv_text, is_there, read_json
 from .crisis_location import CR
 

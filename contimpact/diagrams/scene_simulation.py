@@ -43,9 +43,9 @@ from ..storage import Content, write_all
 
 if TYPE_CHECKING:
     from ..results.diagram import Diagram
-    from ..simulation.basins import Basins, Coverage
     from ..simulation.integrity import BasinFractions
     from ..simulation.simulator import Simulator
+    from ..simulation.sweep import Basins, Coverage
     from .crisis_location import Crisis, NoCrisis
 
 STAGES = (
@@ -285,7 +285,7 @@ class _Director:
 
     def coverage(self) -> None:
         if self.result.diagram is not None:
-            from ..simulation.basins import cover
+            from ..simulation.sweep import cover
 
             self.progress("matching attractors with branches")
             kernels = self.simulators.kernels
@@ -309,7 +309,7 @@ class _Director:
         )
 
     def basins(self) -> None:
-        from ..simulation.basins import basins
+        from ..simulation.sweep import basins
 
         for value in self.options.basins:
             shown = f"basins at {self.scene.parameter} = {value:.6g}"

@@ -30,9 +30,8 @@ from ..segments.oscillation import (
     speed_at_end,
 )
 from .block_cyclic import POSITIONS, arrival_rate, store
-from .multipliers import scale_determinant
-from .physicality import verdict
 from .quiet import AGAIN, BEYOND
+from .status import scale_determinant, verdict
 
 
 def block_size(m: int) -> int:

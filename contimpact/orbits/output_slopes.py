@@ -18,8 +18,8 @@ from ..errors import InputError
 from ..models.expressions import values_of
 from ..models.model import Model
 from ..models.outputs import TIME, VOLTAGE, Output, check_output, state_names
-from ..segments.arithmetic import ARRAYS, FLOATS, evaluate_in
 from ..segments.derivatives import Series, compose_series, series
+from ..segments.segment import ARRAYS, FLOATS, evaluate_in
 from .outputs import NODES, integrals_of, means_of, quadrature, rates_of, values_at
 from .problem import Linearisation
 from .quiet import problem_in

@@ -37,17 +37,24 @@ from ..errors import InputError
 from ..models.guards import Guard, pivot, state_before, state_size
 from ..models.model import Model
 from ..models.word import Word
-from ..segments.arithmetic import ARRAYS, evaluate_in
 from ..segments.bounded import UNIT, BoundedNumber, bounds_of, bounds_of_kernel
 from ..segments.flight import FlightGaps, flight_gaps
-from ..segments.integrated_track import integrated_track
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION, CombinedBlocks, Setup
-from ..segments.segment import MEETING
+from ..segments.segment import ARRAYS, MEETING, evaluate_in
 from ..segments.touches import flights_are_apart, interior_touches
-from ..segments.track import track_of
-from .multipliers import Stability, count_unstable, determinant, stability_of, with_arrival_rates
-from .physicality import AT_REST, Verdict, findings, verdict_of
+from ..segments.track import integrated_track, track_of
+from .status import (
+    AT_REST,
+    Stability,
+    Verdict,
+    count_unstable,
+    determinant,
+    findings,
+    stability_of,
+    verdict_of,
+    with_arrival_rates,
+)
 
 # The motion along an orbit, for pictures and time series.
 

@@ -29,13 +29,12 @@ from ..errors import InputError
 from ..models.guards import Row, following_letters, state_before, state_size
 from ..models.model import Model
 from ..models.word import Word
-from ..segments.arithmetic import ARRAYS, evaluate_in
 from ..segments.flight import FlightGaps, Touch, breaks_of, touch_of
-from ..segments.integrated_track import IntegratedTrack, integrated_track, join_flights
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION
 from ..segments.oscillation import Excursion, Moved, excursions
-from ..segments.segment import Segment
+from ..segments.segment import ARRAYS, Segment, evaluate_in
+from ..segments.track import IntegratedTrack, integrated_track, join_flights
 from .problem import INSTANTS, CyclicBlocks, Linearisation, OrbitProblem
 
 BEYOND = 0.125

@@ -18,10 +18,10 @@ from ..models.guards import graph
 from ..models.model import Model, Symmetry
 from ..models.word import Word, parse_word
 from ..progress import Asked, Progress, ignore_progress, progress_lines
-from ..segments.arithmetic import STATES
 from ..segments.compiling import timed_plainly
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION
+from ..segments.segment import STATES
 from .orbit import Orbit
 from .problem import Linearisation, OrbitProblem
 from .quiet import FreeQuietProblem, QuietProblem, problem_of

@@ -42,8 +42,8 @@ from ..results.diagram import Diagram
 from ..results.diagram_reading import Reading, read, sentence_of
 from ..results.quantities import GREEK, PI_BELOW, label_parts
 from ..results.scene import OUTPUT_ERROR
-from ..segments.arithmetic import ARRAYS, evaluate_in
 from ..segments.kernels import Kernels
+from ..segments.segment import ARRAYS, evaluate_in
 from ..storage import check_reading
 
 # Numbers and texts as a page embeds them: compact, exact, and nothing but data.

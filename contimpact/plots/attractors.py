@@ -28,13 +28,12 @@ from ..results.catalogue import Share, shorten_names
 from ..results.diagram import Diagram
 from ..results.quantities import branch_voltages, direction_text
 from ..simulation.attractor import Attractor, Kind
-from ..simulation.basins import Basins
 from ..simulation.energy import attractor_voltages
 from ..simulation.integrity import BasinFractions
 from ..simulation.manifolds import Manifold
 from ..simulation.run import Run
 from ..simulation.simulator import Simulator
-from ..simulation.sweep import Row, Simulators, Sweep, same_attractor
+from ..simulation.sweep import Basins, Row, Simulators, Sweep, same_attractor
 from ..storage import Content, write_all
 from ..systems.membrane import Membrane
 from . import diagram as style
@@ -261,7 +260,7 @@ def others_at(result: Simulation, row: Row, simulator: Simulator) -> dict[str, A
     """
     if result.diagram is None:
         return {}
-    from ..simulation.basins import orbits_on
+    from ..simulation.sweep import orbits_on
 
     found: dict[str, Attractor] = {}
     for branch in result.diagram.branches:

@@ -16,12 +16,11 @@ from ..results.branch import Branch, Entry
 from ..results.curve import Curve
 from ..results.diagram import Diagram
 from ..simulation.attractor import Attractor
-from ..simulation.basins import Basins
 from ..simulation.integrity import BasinFractions
 from ..simulation.manifolds import Manifold
 from ..simulation.run import Run
 from ..simulation.simulator import Simulator
-from ..simulation.sweep import Sweep
+from ..simulation.sweep import Basins, Sweep
 from ..studies.study import Study
 from .attractors import (
     attractor_of_run,

@@ -17,8 +17,8 @@ from ..errors import InputError, short_repr
 from ..models.guards import state_before
 from ..models.model import Model
 from ..orbits.orbit import Orbit
-from ..orbits.physicality import Verdict
 from ..orbits.problem import Linearisation, OrbitProblem
+from ..orbits.status import Verdict
 from ..segments.kernels import Kernels
 from .branch import Branch, Entry, all_parameters, coordinates, orbit_of
 from .diagram import Diagram

@@ -28,9 +28,9 @@ from typing import Any
 from flint import arb, arb_poly, arb_series, ctx, fmpq
 
 from ..arrays import Vector
-from .arithmetic import PLAIN, Arithmetic, Kernel
 from .ball_flow import Number, ball_around_zero, compose, constant, flow, number, power
 from .layout import Family
+from .segment import PLAIN, Arithmetic, Kernel
 from .transients import HIGHEST, MOTIONS, TABLES, TOGETHER
 
 # Free motions of an oscillator in ball arithmetic: power series in time, with their remainders.

@@ -25,9 +25,18 @@ import numpy as np
 from ..arrays import Array, Number, Vector
 from ..syntax import parse, parse_expression
 from . import integrated_flight, linear_flow
-from .arithmetic import FLOATS, FUNCTIONS, PLAIN, Arithmetic, Kernel, evaluate_in
 from .layout import Family, Setup
-from .segment import ClosedForm, Numbers, Segment
+from .segment import (
+    FLOATS,
+    FUNCTIONS,
+    PLAIN,
+    Arithmetic,
+    ClosedForm,
+    Kernel,
+    Numbers,
+    Segment,
+    evaluate_in,
+)
 from .transients import HIGHEST, TABLES, TOGETHER, transients
 
 # Kernels with bounds of their rounding errors as scalar code, for plain runs and for compiling.

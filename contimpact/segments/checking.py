@@ -17,8 +17,8 @@ from ..models.equations import equations_of
 from ..models.guards import Guard, orders_of
 from ..models.model import Model, Symmetry
 from ..storage import logger
-from .arithmetic import kernel_of
 from .codegen import KernelWriter
+from .segment import kernel_of
 
 # Whether a model's flight, acceleration and harmonics state one motion, at random states.
 

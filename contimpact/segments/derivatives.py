@@ -14,10 +14,10 @@ from typing import Any, NoReturn, TypeAlias
 
 from ..arrays import Number, Vector
 from ..errors import InputError
-from .arithmetic import FLOATS, PLAIN, Arithmetic, Kernel, evaluate_in, kernel_of
 from .integrated_flight import flown_along
 from .integration import statement
 from .layout import Blocks, Family, flat, refill, result_text
+from .segment import FLOATS, PLAIN, Arithmetic, Kernel, evaluate_in, kernel_of
 from .transients import HIGHEST, MOTIONS, TABLES, TOGETHER
 
 # Kernels on truncated Taylor series: derivatives along a direction, of any order.

@@ -12,8 +12,6 @@ import numpy as np
 
 from ..arrays import Array, Vector
 from ..models.guards import Guard
-from .arithmetic import ARRAYS, Kernel, evaluate_in
-from .integrated_track import integrated_track, track_between
 from .kernels import Kernels
 from .oscillation import MOST, excursion_by_law
 from .oscillation import Excursion as Excursion
@@ -22,7 +20,8 @@ from .oscillation import Moved as Moved
 from .oscillation import excursions as excursions
 from .oscillation import turn_guess as turn_guess
 from .oscillation import velocity_zero as velocity_zero
-from .track import track_of
+from .segment import ARRAYS, Kernel, evaluate_in
+from .track import integrated_track, track_between, track_of
 
 if TYPE_CHECKING:
     from .machine_code import Program

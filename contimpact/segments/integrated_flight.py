@@ -16,7 +16,6 @@ import numpy as np
 
 from ..arrays import Array
 from .compiling import load, mode, timed_plainly
-from .integrated_track import velocities_at
 from .integration import (
     KEPT,
     SOME_STEPS,
@@ -28,6 +27,7 @@ from .integration import (
     statement,
 )
 from .taylor import flight_by_series, has_series
+from .track import velocities_at
 
 if TYPE_CHECKING:
     from .machine_code import Program

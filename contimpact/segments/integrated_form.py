@@ -16,13 +16,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..arrays import Array, Number
-from .arithmetic import FLOATS, Arithmetic, evaluate_in
 from .derivatives import Series, series
 from .integrated_flight import rounding_scale
-from .integrated_track import IntegratedTrack, join_flights
 from .integration import KEPT, integrator, statement
 from .layout import SECTION, Blocks, CombinedBlocks, Row, differences_grow
-from .segment import ELSEWHERE, ClosedForm, KernelSource, Numbers
+from .segment import ELSEWHERE, FLOATS, Arithmetic, ClosedForm, KernelSource, Numbers, evaluate_in
+from .track import IntegratedTrack, join_flights
 
 # Long flights in pieces: multiple shooting between where a flight leaves and where it arrives.
 #

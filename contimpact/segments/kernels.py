@@ -20,10 +20,9 @@ from ..models.guards import are_parallel, following_letters, orders_of
 from ..models.model import Model
 from ..models.sources import digests
 from ..storage import cache_folder, load_file, logger, reason, store_file
-from .arithmetic import Kernel, kernel_of
 from .bounded import bounded_kernel
 from .layout import SECTION, Family, Setup, differences_grow
-from .segment import ELSEWHERE, ClosedForm, Passages, passages_of
+from .segment import ELSEWHERE, ClosedForm, Kernel, Passages, kernel_of, passages_of
 
 # What of a system was compared: kept in the cache, so that a warm check does without SymPy.
 

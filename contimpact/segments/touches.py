@@ -17,13 +17,11 @@ import numpy as np
 from ..arrays import Array
 from ..models.guards import Guard, Row, slides_at, state_before
 from ..models.model import Model
-from .arithmetic import Kernel
 from .flight import FlightGaps, Touch, breaks_of, flight_gaps, smallest_gap, touch_of
-from .integrated_track import track_between
 from .kernels import Kernels
 from .oscillation import SMALLEST, Motion, excursions, speed_at_end
-from .segment import ELSEWHERE
-from .track import track_of
+from .segment import ELSEWHERE, Kernel
+from .track import track_between, track_of
 
 # Whether the motion after a guard begins within the guards of its mode.
 #

@@ -15,8 +15,8 @@ from ..arrays import Array
 from ..display import NotebookResult, ParameterItems, Summary, frame
 from ..errors import InputError
 from ..models.model import Model
-from ..orbits.multipliers import multipliers
 from ..orbits.orbit import Orbit
+from ..orbits.status import multipliers
 from ..results.branch import same_data
 from ..schema import build_record
 from .run import Run, State

@@ -24,13 +24,12 @@ from ..arrays import Array
 from ..errors import InputError
 from ..models.guards import pivot, state_before
 from ..models.model import Model
-from ..segments.arithmetic import ARRAYS, FLOATS, evaluate_in
 from ..segments.compiling import timed_plainly
 from ..segments.derivatives import Series, series
 from ..segments.flight import first_hit
 from ..segments.kernels import Kernels
 from ..segments.linear_flow import Shape, generator_of
-from ..segments.segment import ELSEWHERE
+from ..segments.segment import ARRAYS, ELSEWHERE, FLOATS, evaluate_in
 from ..segments.track import Pieces, Track
 from .flights import (
     LEAST,

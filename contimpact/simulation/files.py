@@ -58,7 +58,7 @@ from .sweep import WRITTEN, Row, Sweep, table_of
 if TYPE_CHECKING:
     from ..segments.kernels import Kernels
     from ..systems.membrane import Membrane
-    from .basins import Coverage
+    from .sweep import Coverage
     from .transitions import Transition
 
 

@@ -12,7 +12,6 @@ import numpy as np
 
 from ..arrays import Array
 from ..models.guards import Guard, pivot
-from ..segments.arithmetic import ARRAYS, Arithmetic, Kernel, evaluate_in
 from ..segments.flight import (
     breaks_of,
     chebyshev_coefficients,
@@ -22,13 +21,13 @@ from ..segments.flight import (
     rounding_along,
     zeros_in_turn,
 )
-from ..segments.integrated_track import IntegratedCurve, IntegratedTrack
 from ..segments.integration import StepLimitError
 from ..segments.kernels import Kernels
 from ..segments.layout import Family
 from ..segments.linear_flow import Shape, flow
 from ..segments.oscillation import Motion
-from ..segments.track import Pieces, Track
+from ..segments.segment import ARRAYS, Arithmetic, Kernel, evaluate_in
+from ..segments.track import IntegratedCurve, IntegratedTrack, Pieces, Track
 from .run import Body, State
 
 # Linear motion of a mode, with guards against which the machine rests.

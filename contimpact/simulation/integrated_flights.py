@@ -21,11 +21,11 @@ import numpy as np
 
 from ..arrays import INTEGERS, TABLE, VECTOR, Array, Table, Vector
 from ..models.guards import orders_of
-from ..segments.arithmetic import Kernel
 from ..segments.flight import first_hit
 from ..segments.integration import statement
 from ..segments.kernels import Kernels
 from ..segments.oscillation import MOST, ROW, FollowedFlight, motion_of_gap, row_of, row_of_compiled
+from ..segments.segment import Kernel
 from ..segments.taylor import departure_kernel, field_of, has_series, path_by_series
 from .flights import FIRST, LEAST, NUDGE
 from .run import (

@@ -36,11 +36,10 @@ from ..results.options import MOST_FRACTION_STARTS, MOST_ROUNDS, SETTLING, Settl
 from ..segments.kernels import Kernels
 from ..storage import csv_text
 from .attractor import OTHER, Attractor, Kind, distances_between
-from .basins import attractor_numbers, is_orbit, parts_of
 from .run import Outcome, OutsideError, State
 from .settle import settle
 from .simulator import Simulator
-from .sweep import Simulators
+from .sweep import Simulators, attractor_numbers, is_orbit, parts_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame

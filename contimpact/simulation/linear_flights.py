@@ -27,10 +27,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..arrays import INTEGERS, VECTOR, Array, Vector
-from ..segments.arithmetic import Kernel
 from ..segments.compiling import timed_plainly
 from ..segments.flight import hit_between
 from ..segments.linear_flow import Shape, generator_of, mean_of, scales_of
+from ..segments.segment import Kernel
 from ..segments.track import turns_of
 from .flights import REPEATED
 from .run import (

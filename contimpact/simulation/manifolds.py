@@ -31,9 +31,9 @@ from ..errors import InputError, explain_arguments
 from ..orbits.orbit import Orbit
 from ..results.branch import Entry
 from ..results.entry_conversion import to_orbit
-from ..segments.arithmetic import ARRAYS, evaluate_in
 from ..segments.flight import chebyshev_zeros, first_arrival, rounding_along
 from ..segments.layout import Family
+from ..segments.segment import ARRAYS, evaluate_in
 from .one_coordinate import OneCoordinate
 from .run import wall_on, wrap_time
 from .simulator import Simulator

@@ -17,12 +17,11 @@ import numpy as np
 from ..arrays import INTEGERS, VECTOR, Array
 from ..errors import InputError
 from ..models.model import Model
-from ..segments.arithmetic import ARRAYS, Kernel, evaluate_in
 from ..segments.compiling import timed_plainly
 from ..segments.flight import chebyshev_zeros, first_arrival, rounding_along, time_zeros
 from ..segments.kernels import Kernels
 from ..segments.layout import Family
-from ..segments.segment import neighbouring_guards
+from ..segments.segment import ARRAYS, Kernel, evaluate_in, neighbouring_guards
 from .flights import FlightInState, first_hit, fly_in_time, motion_at
 from .run import (
     DTYPES,

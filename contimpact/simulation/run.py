@@ -18,10 +18,9 @@ from ..display import NotebookResult, ParameterItems, Summary, frame, limit_line
 from ..errors import InputError
 from ..models.guards import pivot, slides_at
 from ..models.model import Model
-from ..segments.arithmetic import Kernel
 from ..segments.compiling import CompiledProgram, load, mode
 from ..segments.kernels import Kernels
-from ..segments.segment import ELSEWHERE, Passages
+from ..segments.segment import ELSEWHERE, Kernel, Passages
 from ..segments.touches import margin
 
 if TYPE_CHECKING:

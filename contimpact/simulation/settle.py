@@ -24,10 +24,10 @@ from ..models.guards import orders_of, state_before
 from ..models.model import Model, require_forcing
 from ..models.word import Word
 from ..results.options import SETTLING, Settling
-from ..segments.arithmetic import FLOATS, evaluate_in
 from ..segments.bounded import UNIT, bounds_of
 from ..segments.derivatives import Series, series
 from ..segments.flight import FlightGaps, flight_gaps
+from ..segments.segment import FLOATS, evaluate_in
 from ..segments.touches import interior_touches
 from .attractor import Attractor, Cycle, Kind, cycle_near, repeats, sticking_cycle
 from .run import Outcome, Run, State

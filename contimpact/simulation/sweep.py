@@ -1,4 +1,4 @@
-"""Sweeps of a parameter: the attractors at each value.
+"""Sweeps of a parameter, the attractors at each value, and basins of attraction.
 
 A sweep starts each value from the attractor at the value before, as the paper does, so that
 falling and rising values show hysteresis. Random starts find attractors that no sweep meets, and a
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal, overload
 
 import numpy as np
@@ -18,15 +18,20 @@ from ..arrays import Array
 from ..display import NotebookResult, ParameterItems, Summary, frame, limit_lines
 from ..errors import InputError, did_you_mean, explain_arguments, short_repr
 from ..models.model import Model
+from ..models.word import Word, is_rotation
+from ..orbits.orbit import Orbit
+from ..orbits.quiet import problem_of
+from ..orbits.search import solve_near
 from ..progress import Asked, progress_lines
-from ..results.branch import coordinates, same_data
+from ..results.branch import Branch, columns_of, coordinates, same_data
+from ..results.diagram import Diagram
 from ..results.options import SETTLING, Settling
 from ..schema import build_record
 from ..segments.kernels import Kernels
-from .attractor import Attractor, Kind, distances_between
-from .run import State
-from .settle import settle
-from .simulator import Simulator, as_simulator
+from .attractor import OTHER, Attractor, Kind, distances_between
+from .run import Outcome, Run, State
+from .settle import require_attractors, settle
+from .simulator import Batch, Simulator, as_simulator
 
 SAME = 1e-6
 """Periodic attractors whose velocities and phases differ by less are one."""
@@ -343,7 +348,7 @@ WRITTEN = 64
 """Velocities of one motion in its row at most."""
 
 
-def columns_of(m: int) -> list[str]:
+def attractor_columns(m: int) -> list[str]:
     """Return the names of the columns that say what an attractor is, of m unknowns an impact."""
     places = range(1, m + 1)
     return [
@@ -362,9 +367,9 @@ def table_of(sweep: Sweep) -> tuple[list[str], list[list[Any]]]:
     names = [*sweep.model.values, *sweep.model.DERIVED]
     m = sweep.model.unknowns_per_impact
     each = ("wall", *coordinates(m))
-    columns = [*names, *columns_of(m)]
+    columns = [*names, *attractor_columns(m)]
     columns += [f"{what}{k + 1}" for k in range(most) for what in each]
-    width = most * len(each) + len(columns_of(m)) + len(names)
+    width = most * len(each) + len(attractor_columns(m)) + len(names)
     rows = [_cells(row, names, letters, m) for row in sweep.rows]
     return columns, [cells + [None] * (width - len(cells)) for cells in rows]
 
@@ -388,3 +393,498 @@ def _cells(row: Row, names: Sequence[str], letters: Sequence[str], m: int) -> li
         cells += [wall, float(a.times[k]), float(a.velocities[k])]
         cells += a.others[k].tolist() if a.others.size else []
     return cells
+
+
+# Basins of attraction, and how much of them a diagram covers.
+
+
+REACHED = 1e-5
+"""A motion this near to a known periodic attractor, round after round, has reached it."""
+
+LARGEST = 4096
+"""Starts simulated together at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class Basins(ParameterItems, NotebookResult):
+    """Basins of attraction among impacts on one wall, as `basins` finds them."""
+
+    wall: str
+    wall_number: int
+    parameters: dict[str, float]
+    """All parameters and derived parameters."""
+    phases: Array
+    """Times of the first impact, shape (n,)."""
+    velocities: Array
+    """Velocities before it, shape (m,)."""
+    labels: Array
+    """Number of the attractor reached, shape (m, n); -1 where an interruption left a start out."""
+    attractors: list[Attractor]
+    others: tuple[float, ...] = ()
+    """The other section coordinates, the same for all starts: with several degrees of freedom the
+    picture is a section through the basins."""
+    interrupted: bool = False
+    """Whether it was interrupted before all starts were made."""
+
+    @property
+    def shares(self) -> list[float]:
+        """The part of the starts made that leads to each attractor."""
+        made = self.labels[self.labels >= 0]
+        counts = np.bincount(made, minlength=len(self.attractors))
+        return [float(count / max(made.size, 1)) for count in counts]
+
+    def summary(self) -> Summary:
+        """Return the attractors and their shares of the starts."""
+        rows = [
+            (a.notation, f"{share:.1%}", ", ".join(f"{v:.6g}" for v in a.velocities[:8]))
+            for a, share in zip(self.attractors, self.shares, strict=True)
+        ]
+        return Summary(self._head(), ("attractor", "starts", "velocities before impact"), rows)
+
+    def _head(self) -> str:
+        m, n = self.labels.shape
+        low, high = float(self.velocities[0]), float(self.velocities[-1])
+        place = f"impacts on {self.wall}, velocities {low:.4g} to {high:.4g}"
+        made = int(np.count_nonzero(self.labels >= 0))
+        cut = f"; interrupted after {made}" if self.interrupted else ""
+        count = len(self.attractors)
+        named = f"{count} attractor{'s' if count != 1 else ''}"
+        return f"Basins of {named}, {n} by {m} {place}{cut}"
+
+    def __repr__(self) -> str:
+        named = zip((a.notation for a in self.attractors), self.shares, strict=True)
+        rows = [f"  {share:7.1%}  {name}" for name, share in named]
+        return limit_lines(self._head(), rows)
+
+
+@explain_arguments
+def basins(
+    simulator: Simulator | Model,
+    *,
+    wall: str | None = None,
+    shape: tuple[int, int] = (40, 40),
+    fastest: float | None = None,
+    settling: Settling = SETTLING,
+    known: Sequence[Attractor] = (),
+    callback: Callable[[int, int], None] | None = None,
+    threads: int | None = None,
+) -> Basins:
+    """Find the attractor each of a grid of starts leads to.
+
+    Parameters
+    ----------
+    simulator : Simulator or Model
+    wall : str, optional
+        Wall of the first impact; the model's first one by default.
+    shape : (m, n)
+        Velocities and phases of the grid, each at the middle of its cell.
+    fastest : float, optional
+        Largest velocity; by default twice the largest of the attractors known, or what a period of
+        the largest acceleration gives.
+    settling : Settling
+    known : sequence of Attractor
+        Attractors at these parameter values found before.
+    callback : callable, optional
+        Called with starts done and their number.
+    threads : int, optional
+        For compiled simulations; as many as there are cores by default.
+
+    Returns
+    -------
+    Basins
+        After Ctrl-C with the starts made until then.
+
+    Raises
+    ------
+    InputError
+        If there is no such wall, or a shape is no pair of whole numbers above zero.
+
+    Notes
+    -----
+    With several degrees of freedom all starts have the other coordinates of the fastest impact on
+    that wall that the attractors known have, or zero.
+    """
+    simulator = as_simulator(simulator)
+    letter = wall or simulator.letters[0]
+    if letter not in simulator.letters:
+        accepted = f"the walls are {', '.join(simulator.letters)}"
+        raise InputError("wall", f"no wall {short_repr(letter)}", accepted)
+    if not isinstance(shape, tuple | list) or [n for n in shape if not n >= 1] or len(shape) != 2:
+        accepted = "give numbers of velocities and phases, such as (40, 40)"
+        raise InputError("shape", f"found {short_repr(shape)}", accepted)
+    side = simulator.sides[simulator.letters.index(letter)]
+    largest = fastest or _fastest(simulator, known)
+    m, n = shape
+    velocities = side * largest * (np.arange(m) + 0.5) / m
+    phases = simulator.period * (np.arange(n) + 0.5) / n
+    found = list(known)
+    labels = np.full(shape, -1)
+    others = _other_coordinates(simulator, letter, known)
+    states = [
+        simulator.state(letter, phase, velocity, others)
+        for velocity in velocities.tolist()
+        for phase in phases.tolist()
+    ]
+    interrupted = False
+    try:
+        for part in parts_of(m * n):
+            numbers = attractor_numbers(simulator, states[part], found, settling, threads)
+            labels.flat[part] = numbers
+            if callback:
+                callback(part.stop, m * n)
+    except KeyboardInterrupt:
+        interrupted = True
+    parameters = {**simulator.model.values, **simulator.derived}
+    number = simulator.letters.index(letter)
+    about = (letter, number, parameters, phases, velocities, labels, found, others)
+    return Basins(*about, interrupted)
+
+
+def _other_coordinates(
+    simulator: Simulator, wall: str, known: Sequence[Attractor]
+) -> tuple[float, ...]:
+    """The other section coordinates of all starts: those of the fastest known impact there."""
+    number = simulator.letters.index(wall)
+    impacts = [
+        (abs(float(speed)), tuple(row))
+        for a in known
+        for speed, row, k, released in zip(
+            a.velocities, a.others.tolist(), a.walls, a.released, strict=False
+        )
+        if k == number and not released
+    ]
+    none = (0.0,) * (simulator.model.unknowns_per_impact - 2)
+    return max(impacts, default=(0.0, none))[1]
+
+
+def _fastest(simulator: Simulator, known: Sequence[Attractor]) -> float:
+    speeds = [float(np.max(np.abs(a.velocities), initial=0.0)) for a in known]
+    return 2.0 * max(speeds, default=0.0) or simulator.fastest
+
+
+def parts_of(count: int) -> Iterator[slice]:
+    """Yield parts of many starts, few at first: they find the attractors that spare others their
+    time."""
+    done, size = 0, 1
+    while done < count:
+        yield slice(done, min(done + size, count))
+        done, size = done + size, min(8 * size, LARGEST)
+
+
+def attractor_numbers(
+    simulator: Simulator,
+    states: Sequence[State],
+    found: list[Attractor],
+    settling: Settling,
+    threads: int | None = None,
+) -> list[int]:
+    """Return the number of the attractor of each start; new ones are added to the list."""
+    require_attractors(simulator.model)
+    batch = Batch(simulator, states, threads)
+    numbers = np.full(len(states), -1)
+    left, known = np.arange(len(states)), len(found)
+    for _ in range(max(settling.transient // 10, 1)):
+        kept = left.tolist() if any(map(_is_known_by_releases, found)) else ()
+        before = {k: batch.state(k) for k in kept}
+        outcomes = batch.run(left, 10)
+        left = left[[outcome is Outcome.DONE for outcome in outcomes]]
+        for number, attractor in enumerate(found):
+            numbers[left[_reached(attractor, batch, left, before)]] = number
+            left = left[numbers[left] < 0]
+    for k in np.flatnonzero(numbers < 0).tolist():
+        one, none = np.array([k]), {k: batch.state(k)}
+        for number in range(known, len(found)) if k in left else ():
+            if numbers[k] < 0 and _reached(found[number], batch, one, none)[0]:
+                numbers[k] = number
+        if numbers[k] < 0:
+            numbers[k] = _settled_number(simulator, batch.state(k), found, settling)
+    return numbers.tolist()
+
+
+def _settled_number(
+    simulator: Simulator, state: State, found: list[Attractor], settling: Settling
+) -> int:
+    """The number of the attractor that a motion settles on.
+
+    Where complex motion is among the attractors, one that has not settled after a tenth of the
+    periods of `settling`, and whose impacts are near to it, is taken for it.
+    """
+    kinds = [attractor.kind for attractor in found]
+    if Kind.COMPLEX in kinds:
+        quick = replace(settling, transient=0, periods=settling.periods // 10, impacts=200)
+        attractor = settle(simulator, state, quick)
+        if attractor.kind in (Kind.COMPLEX, Kind.NOT_SETTLED):
+            apart = [
+                min(distances_between(attractor, one)) if one.kind is Kind.COMPLEX else OTHER
+                for one in found
+            ]
+            if min(apart) < APART:
+                return apart.index(min(apart))
+            attractor = settle(simulator, state, settling)
+    else:
+        attractor = settle(simulator, state, settling)
+    for number, other in enumerate(found):
+        if same_attractor(attractor, other):
+            return number
+    found.append(attractor)
+    return len(found) - 1
+
+
+def _is_known_by_releases(attractor: Attractor) -> bool:
+    """Whether it is a sticking one of one coordinate."""
+    return attractor.kind is Kind.STICKING and not attractor.held.size
+
+
+def _reached(
+    attractor: Attractor, batch: Batch, chosen: Array, before: Mapping[int, State]
+) -> Array:
+    """Whether motions are on a periodic attractor, closely, or are released as a sticking one is.
+
+    `before` has the states from which runs of ten periods led to sticking motion.
+    """
+    none = np.zeros(len(chosen), dtype=bool)
+    if _is_known_by_releases(attractor):
+        runs = [batch.simulator.run(before[k], periods=10) for k in chosen.tolist()]
+        return np.array([_is_released_as(attractor, run) for run in runs], dtype=bool)
+    several = bool(attractor.held.size)
+    if attractor.period is None or not (several or attractor.kind is Kind.PERIODIC):
+        return none
+    columns = [attractor.times, attractor.velocities]
+    mine = np.column_stack([*columns, attractor.others] if several else columns)
+    sizes = np.ones(mine.shape[1])
+    if several:
+        sizes = np.maximum(np.max(np.abs(mine), axis=0), 1e-300)
+    sizes[0] = attractor.forcing_period
+    theirs = np.column_stack([batch.phases[chosen], batch.sections[chosen]])
+    apart = (mine - theirs[:, None]) / sizes
+    apart[:, :, 0] -= np.round(apart[:, :, 0])
+    same = attractor.walls == batch.walls[chosen, None]
+    if several:
+        same &= attractor.held == batch.held[chosen, None]
+    return np.any(same & (np.max(np.abs(apart), axis=2) < REACHED), axis=1)
+
+
+def _is_released_as(attractor: Attractor, run: Run) -> bool:
+    """Whether the last release of a run is one of a sticking attractor."""
+    mine = attractor.times[attractor.released] % attractor.forcing_period
+    walls = attractor.walls[attractor.released]
+    return any(
+        bool(np.any((walls == run.walls[row]) & (abs(mine - run.phases[row]) < REACHED)))
+        for row in np.nonzero(run.released)[0][-1:]
+    )
+
+
+# Which attractors the branches explain, and what would follow those that none does.
+#
+# An attractor lies on a branch if the branch has its word and period and, solved for at the
+# attractor's parameter value from the neighbouring points, its velocities and phases. The branch
+# says what it is; the simulation, which shares no solver with it, says that it is there.
+
+MATCH = 1e-7
+"""An attractor whose velocities and phases are this near to a branch's orbit lies on it."""
+
+
+@dataclass(frozen=True)
+class Match:
+    """An attractor and the branch it lies on; `distance` is the largest difference."""
+
+    direction: str
+    value: float
+    notation: str
+    word: str
+    period: int
+    branch: str
+    distance: float
+
+
+@dataclass(frozen=True)
+class UncoveredGroup:
+    """Attractors of one word, side by side in a sweep, that no branch explains."""
+
+    kind: str
+    notation: str
+    word: str | None
+    period: int | None
+    """`kind`, `notation`, `word`, `period`: what they are."""
+    low: float
+    high: float
+    """`low`, `high`: values of the parameter between which they were met."""
+    count: int
+    why: str
+    scene: str | None
+    """Tables of a scene that would follow them, in TOML; None for what is no periodic orbit."""
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Attractors on branches, and the others."""
+
+    matches: Sequence[Match]
+    uncovered: Sequence[UncoveredGroup]
+
+    def as_record(self) -> dict[str, Any]:
+        """Return plain data."""
+        return asdict(self)
+
+
+@explain_arguments
+def cover(sweep: Sweep, diagram: Diagram, kernels: Kernels | None = None) -> Coverage:
+    """Match the attractors of a sweep with the branches of a diagram.
+
+    Parameters
+    ----------
+    sweep : Sweep
+    diagram : Diagram
+        Followed in the same parameter, at the same values of the others.
+    kernels : Kernels, optional
+
+    Returns
+    -------
+    Coverage
+    """
+    kernels = kernels or Kernels(sweep.model, sweep.parameter)
+    matches: list[Match] = []
+    rest: list[Row] = []
+    for row in sweep.rows:
+        match = _match(row, sweep, diagram, kernels)
+        if match is not None:
+            matches.append(match)
+        else:
+            rest.append(row)
+    return Coverage(matches, _uncovered_groups(rest, sweep))
+
+
+def _match(row: Row, sweep: Sweep, diagram: Diagram, kernels: Kernels) -> Match | None:
+    attractor = row.attractor
+    if attractor.motion is not None:
+        return _match_of_motion(row, sweep, diagram, kernels)
+    if attractor.kind is not Kind.PERIODIC or attractor.word is None or attractor.period is None:
+        return None
+    best: Match | None = None
+    for branch in diagram.branches:
+        same_period = branch.period == attractor.period
+        if not same_period or not is_rotation(branch.word, attractor.word):
+            continue
+        for orbit in orbits_on(branch, sweep, row.value, kernels):
+            distance = _distance(attractor, branch.word, orbit.problem.impacts(orbit.unknowns))
+            if distance < MATCH and (best is None or distance < best.distance):
+                kind = (attractor.notation, attractor.word, attractor.period)
+                best = Match(row.direction, row.value, *kind, branch.id, distance)
+    return best
+
+
+def _match_of_motion(row: Row, sweep: Sweep, diagram: Diagram, kernels: Kernels) -> Match | None:
+    """As `_match`, of a motion without impacts; orbits of the word `0` are in the first mode."""
+    attractor, found = row.attractor, []
+    if not _first_mode(attractor, sweep):
+        return None
+    for branch in (b for b in diagram.branches if not b.word and b.period == 1):
+        for orbit in orbits_on(branch, sweep, row.value, kernels):
+            apart = np.abs(orbit.unknowns[: orbit.problem.m] - attractor.motion)
+            kind = (attractor.notation, "0", 1)
+            found.append(Match(row.direction, row.value, *kind, branch.id, float(np.max(apart))))
+    near = [match for match in found if match.distance < MATCH]
+    return min(near, key=lambda match: match.distance, default=None)
+
+
+def _first_mode(attractor: Attractor, sweep: Sweep) -> bool:
+    return attractor.mode in {mode.name for mode in sweep.model.MODES[:1]} | {""}
+
+
+def orbits_on(branch: Branch, sweep: Sweep, value: float, kernels: Kernels) -> list[Orbit]:
+    """Return the orbits of a branch at a parameter value.
+
+    Each is solved for at that value from the line between the neighbouring points.
+    """
+    parameters = branch[branch.parameter]
+    offset = parameters - value
+    rows = np.nonzero((offset[:-1] <= 0.0) != (offset[1:] <= 0.0))[0].tolist()
+    rows += [k for k in (0, len(parameters) - 1) if offset[k] == 0.0]
+    model = sweep.model.replace(**{sweep.parameter: value})
+    problem = problem_of(model, Word(branch.word, branch.period), kernels)
+    found = []
+    for row in rows:
+        after = min(row + 1, len(parameters) - 1)
+        step = parameters[after] - parameters[row]
+        part = (value - parameters[row]) / step if step else 0.0
+        names = columns_of(branch.word, problem.m)
+        points = [np.array([branch[name][k] for name in names]) for k in (row, after)]
+        guess = points[0] + part * (points[1] - points[0])
+        here = solve_near(problem, np.append(guess, value))
+        if here is not None:
+            found.append(Orbit(problem, here))
+    return found
+
+
+def is_orbit(attractor: Attractor, word: Word, impacts: Array) -> bool:
+    """Whether an attractor is the orbit of a word with these impacts, shape (N, m)."""
+    if attractor.kind is not Kind.PERIODIC or attractor.period != word.period:
+        return False
+    return _distance(attractor, word.walls, impacts) < MATCH
+
+
+def begins_with(orbit: Orbit, word: Word, first: tuple[float, float]) -> bool:
+    """Whether an orbit's impacts, begun so that they read as a word, begin with this time and
+    velocity."""
+    walls, period = orbit.word.walls, orbit.period / orbit.word.period
+    for k in range(len(walls)):
+        if walls[k:] + walls[:k] == word.walls:
+            apart = (orbit.times[k] - first[0]) / period, orbit.velocities[k] - first[1]
+            if max(abs(apart[0] - round(apart[0])), abs(apart[1])) < MATCH:
+                return True
+    return False
+
+
+def _distance(attractor: Attractor, word: str, orbit: Array) -> float:
+    """Largest difference in phase (in periods) or coordinate, over the rotations of the word."""
+    letters = attractor.word or ""
+    best = math.inf
+    for shift in range(len(word)):
+        if word[shift:] + word[:shift] != letters:
+            continue
+        times, speeds, *others = np.roll(orbit, -shift, axis=0).T
+        phases = (times - attractor.times) / attractor.forcing_period
+        apart = [np.abs(phases - np.round(phases)), np.abs(speeds - attractor.velocities)]
+        pairs = zip(others, attractor.others.T, strict=False)
+        apart += [np.abs(one - other) for one, other in pairs]
+        best = min(best, float(max(np.max(part) for part in apart)))
+    return best
+
+
+def _uncovered_groups(rows: Sequence[Row], sweep: Sweep) -> list[UncoveredGroup]:
+    """Group rows by what they are; the middle one of each group starts the scene."""
+    groups: dict[str, list[Row]] = {}
+    for row in rows:
+        groups.setdefault(row.attractor.label, []).append(row)
+    found = []
+    for group in groups.values():
+        group = sorted(group, key=lambda row: row.value)
+        middle = group[len(group) // 2]
+        a = middle.attractor
+        periodic = a.kind is Kind.PERIODIC or (a.motion is not None and _first_mode(a, sweep))
+        why = "no branch has this orbit" if periodic else _uncovered_reason(a)
+        scene = scene_fragment(middle, sweep) if periodic else None
+        what = (a.kind.value, a.notation, a.word, a.period)
+        found.append(UncoveredGroup(*what, group[0].value, group[-1].value, len(group), why, scene))
+    return found
+
+
+def _uncovered_reason(attractor: Attractor) -> str:
+    """Why what is not periodic, or not from the first mode on, lies on no branch."""
+    if attractor.motion is not None:
+        return f"{attractor.notation}: the word 0 is that of the first mode"
+    return f"{attractor.kind.value}: no orbit of finite word"
+
+
+def scene_fragment(row: Row, sweep: Sweep) -> str:
+    """Return the tables [model] and [follow] of a scene that follows an attractor, in TOML."""
+    attractor, model = row.attractor, sweep.model
+    values: Mapping[str, float] = {**model.values, sweep.parameter: row.value}
+    others = [other.value for other in sweep.rows]
+    low, high = min(others), max(others)
+    word = Word(attractor.word or "", attractor.period or 1)
+    options = [f'{name} = "{text}"' for name, text in model.options.items()]
+    lines = ["[model]", f'system = "{model.SYSTEM}"', *options, "", "[model.parameters]"]
+    lines += [f"{name} = {value!r}" for name, value in values.items()]
+    lines += ["", "[follow]", f'parameter = "{sweep.parameter}"', f"range = [{low!r}, {high!r}]"]
+    return "\n".join([*lines, f'orbits = ["{word}"]', ""])

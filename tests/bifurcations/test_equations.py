@@ -9,9 +9,9 @@ from contimpact.bifurcations.torus import null_pair
 from contimpact.models.word import Word
 from contimpact.orbits.quiet import QuietProblem
 from contimpact.orbits.search import find_orbits
-from contimpact.segments.arithmetic import FLOATS
 from contimpact.segments.derivatives import Series, series
 from contimpact.segments.kernels import Kernels
+from contimpact.segments.segment import FLOATS
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
 from contimpact.systems.two_masses import TwoMasses

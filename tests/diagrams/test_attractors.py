@@ -22,8 +22,7 @@ from contimpact.errors import InputError
 from contimpact.models.word import Word
 from contimpact.results.scene import read_scene
 from contimpact.segments.kernels import Kernels
-from contimpact.simulation.basins import orbits_on
-from contimpact.simulation.sweep import Sweep
+from contimpact.simulation.sweep import Sweep, orbits_on
 
 pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
 

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 
 from contimpact.bifurcations.kind import test_functions as functions_of
+from contimpact.continuation.branch import Settings
 from contimpact.continuation.corrector import DenseSystem, next_tangent, orientation
-from contimpact.continuation.settings import Settings
 from contimpact.continuation.step import HEAD
 from contimpact.continuation.walk import walk
 from contimpact.diagrams.chain_backend import ChainBackend
 from contimpact.diagrams.orbit_walks import backend_of, walk_orbits
-from contimpact.orbits.multipliers import with_arrival_rates
 from contimpact.orbits.problem import CyclicBlocks, Linearisation
 from contimpact.orbits.search import find_orbits
+from contimpact.orbits.status import with_arrival_rates
 from contimpact.results.catalogue import load_diagram
 from contimpact.results.scene import load_scene
 

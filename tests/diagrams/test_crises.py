@@ -45,10 +45,9 @@ from contimpact.results.catalogue import load_diagram, write_diagram
 from contimpact.results.diagram import Diagram
 from contimpact.results.options import Settling
 from contimpact.simulation.attractor import Kind
-from contimpact.simulation.basins import attractor_numbers
 from contimpact.simulation.settle import settle
 from contimpact.simulation.simulator import Simulator
-from contimpact.simulation.sweep import Simulators, same_attractor, sweep
+from contimpact.simulation.sweep import Simulators, attractor_numbers, same_attractor, sweep
 from contimpact.simulation.transitions import explain_transition, transitions_between
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.soft_stop import SoftStop

@@ -11,12 +11,11 @@ from scipy.optimize import brentq
 
 from contimpact.bifurcations.declarations import EVENTS
 from contimpact.bifurcations.kind import test_functions as make_tests
-from contimpact.continuation.branch import Points, TestFunction
-from contimpact.continuation.settings import Settings
+from contimpact.continuation.branch import Points, Settings, TestFunction
 from contimpact.diagrams.orbit_branch import walk_both_ways
 from contimpact.diagrams.orbit_walks import places_with_status
-from contimpact.orbits.multipliers import count_unstable
 from contimpact.orbits.search import find_orbits
+from contimpact.orbits.status import count_unstable
 from contimpact.systems.impact_pair import ImpactPair
 
 

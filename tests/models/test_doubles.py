@@ -19,8 +19,8 @@ from contimpact.models.symbolic import fourier_series
 from contimpact.models.symbols import exact, whole_quotient
 from contimpact.orbits.search import find_orbits
 from contimpact.results.scene import read_scene
-from contimpact.segments.arithmetic import kernel_of
 from contimpact.segments.codegen import KernelWriter, Printer
+from contimpact.segments.segment import kernel_of
 
 TEMPTING = ["0.66666667", "0.333333333333", "1.00000000001", "2.7182818", "0.70710678", "0.1"]
 

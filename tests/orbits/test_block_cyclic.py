@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from contimpact.continuation.corrector import border_jacobian, scaled_determinant
-from contimpact.orbits import multipliers as stability
+from contimpact.orbits import status as stability
 from contimpact.orbits.block_cyclic import KEPT, eliminate, solve
-from contimpact.orbits.multipliers import (
+from contimpact.orbits.status import (
     multipliers_by_elimination,
     product_of_multipliers,
     roots,

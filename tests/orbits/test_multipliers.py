@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from contimpact.continuation.corrector import scaled_determinant
-from contimpact.orbits import multipliers as stability
+from contimpact.orbits import status as stability
 from contimpact.orbits.search import find_orbits
 
 EPS = 2.0**-52

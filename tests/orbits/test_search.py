@@ -16,9 +16,9 @@ from contimpact.orbits import search
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits, orbit_at, solve_near
 from contimpact.results.scene import read_scene
-from contimpact.segments.arithmetic import ARRAYS, STATES
 from contimpact.segments.integrated_form import Split
 from contimpact.segments.kernels import Kernels
+from contimpact.segments.segment import ARRAYS, STATES
 from contimpact.systems.duffing import Duffing
 from contimpact.systems.oscillator import Oscillator
 

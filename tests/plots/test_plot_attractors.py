@@ -175,7 +175,7 @@ def test_a_portrait_names_all_parameters(simulation, portrait):
 
 @pytest.mark.full
 def test_basins_name_value_and_starts(simulation, kernels_of):
-    from contimpact.simulation.basins import basins
+    from contimpact.simulation.sweep import basins
 
     model = simulation.scene.model
     simulator = Simulators(model, "s", kernels_of(model, "s")).at(0.3562)

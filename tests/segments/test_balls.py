@@ -8,9 +8,9 @@ import pytest
 
 from contimpact.segments import linear_flow
 from contimpact.segments import transients as plain
-from contimpact.segments.arithmetic import evaluate_in
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.layout import flat
+from contimpact.segments.segment import evaluate_in
 from contimpact.systems.impact_pair import ImpactPair
 
 flint = pytest.importorskip("flint", reason="needs contimpact[certify]")

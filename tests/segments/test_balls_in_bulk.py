@@ -11,9 +11,9 @@ from zoo import ROOT, harmonic_pair
 
 import contimpact
 from contimpact.models.guards import following_letters
-from contimpact.segments.arithmetic import Arithmetic, evaluate_in
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.layout import SECTION, flat
+from contimpact.segments.segment import Arithmetic, evaluate_in
 from contimpact.systems.belt import Belt
 from contimpact.systems.bouncing_ball import BouncingBall
 from contimpact.systems.coupled_by_impact import CoupledByImpact

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from contimpact import ImpactPair
-from contimpact.segments.arithmetic import evaluate_in
 from contimpact.segments.bounded import BOUNDED, BoundedNumber, bounded_kernel, bounds_of_kernel
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.layout import Setup, flat, refill
+from contimpact.segments.segment import evaluate_in
 from contimpact.systems.soft_stop import SoftStop
 
 MODELS = {"impact pair": (ImpactPair(beta=math.pi / 3, r=0.55, A=9.0, s=0.5), "s")}

@@ -12,10 +12,9 @@ from scipy.optimize import brentq
 from zoo import unknowns_of
 
 from contimpact.models.model import Wall
-from contimpact.orbits.physicality import findings, verdict_of
 from contimpact.orbits.search import find_orbits
+from contimpact.orbits.status import findings, verdict_of
 from contimpact.segments import flight as module
-from contimpact.segments.arithmetic import ARRAYS, evaluate_in
 from contimpact.segments.flight import (
     FlightGaps,
     Touch,
@@ -25,6 +24,7 @@ from contimpact.segments.flight import (
     flight_gaps,
     time_zeros,
 )
+from contimpact.segments.segment import ARRAYS, evaluate_in
 
 WALLS = (Wall("B", side=+1), Wall("T", side=-1))
 MESH = 4001

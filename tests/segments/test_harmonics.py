@@ -10,11 +10,11 @@ import pytest
 
 from contimpact import ImpactPair, continue_orbit, find_orbits
 from contimpact.models import symbols
-from contimpact.segments import arithmetic, codegen
-from contimpact.segments.arithmetic import ARRAYS, evaluate_in
+from contimpact.segments import codegen, segment
 from contimpact.segments.bounded import bounds_of_kernel, many_digits
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.layout import flat
+from contimpact.segments.segment import ARRAYS, evaluate_in
 
 MANY = "+".join(f"cos({k}*pi*t+{k})*{0.6**k}" for k in range(1, 10))
 KINDS = ["BB", "BT"]
@@ -79,10 +79,10 @@ def test_a_loop_on_a_tape(written_out, monkeypatch, tmp_path, large):
     close(one.flight("B", "T")(*P0, *p), written_out("omega").flight("B", "T")(*P0, *p))
 
 
-@pytest.mark.parametrize("at_once", [arithmetic.AT_ONCE, 100])
+@pytest.mark.parametrize("at_once", [segment.AT_ONCE, 100])
 def test_a_loop_over_arrays_of_any_shape(monkeypatch, at_once):
     """Several harmonics at once, or one after the other where the arrays are large."""
-    monkeypatch.setattr(arithmetic, "AT_ONCE", at_once)
+    monkeypatch.setattr(segment, "AT_ONCE", at_once)
     kernels = looped("s")
     p = list(kernels.model.values.values())
     dt = np.linspace(0.01, 3.0, 24)

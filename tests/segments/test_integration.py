@@ -15,15 +15,14 @@ from contimpact.models.model import Formulas
 from contimpact.models.nonlinear import Nonlinear
 from contimpact.orbits.search import find_orbits
 from contimpact.segments import integrated_flight, integration, kernels
-from contimpact.segments.arithmetic import ARRAYS, evaluate_in
 from contimpact.segments.bounded import BOUNDED, BoundedNumber, many_digits
 from contimpact.segments.checking import check_model
 from contimpact.segments.integrated_flight import MANY, flown, flown_of_arrays, flown_of_series
-from contimpact.segments.integrated_track import IntegratedTrack, integrated_track
 from contimpact.segments.integration import integrator, text_of
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.layout import flat
-from contimpact.segments.track import track_of
+from contimpact.segments.segment import ARRAYS, evaluate_in
+from contimpact.segments.track import IntegratedTrack, integrated_track, track_of
 from contimpact.systems.oscillator import Oscillator
 from contimpact.systems.pendulum import Pendulum
 from contimpact.systems.two_masses import TwoMasses

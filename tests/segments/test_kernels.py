@@ -14,9 +14,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from contimpact.errors import InputError
-from contimpact.segments.arithmetic import ARRAYS, evaluate_in
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.layout import flat
+from contimpact.segments.segment import ARRAYS, evaluate_in
 
 PAIR_KINDS = ["BB", "BT", "TB", "TT"]
 SHORT_FORCINGS = ["cos(pi*t)", "cos(pi*t)**3", "cos(pi*t+0.3)+sin(4*pi*t)/5-1/8"]

@@ -11,7 +11,7 @@ import pytest
 from contimpact.bifurcations.extended_system import solve
 from contimpact.bifurcations.kind import Equations, kind_of
 from contimpact.orbits.search import find_orbits
-from contimpact.segments.arithmetic import FUNCTIONS, PLAIN, Arithmetic
+from contimpact.segments.segment import FUNCTIONS, PLAIN, Arithmetic
 from contimpact.systems.bouncing_ball import BouncingBall
 from contimpact.systems.impact_pair import ImpactPair
 

@@ -11,8 +11,8 @@ from contimpact.bifurcations.kind import kind_of
 from contimpact.diagrams.orbit_walks import walk_orbits
 from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem
-from contimpact.segments.arithmetic import kernel_of
 from contimpact.segments.kernels import Kernels
+from contimpact.segments.segment import kernel_of
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.bouncing_ball import BouncingBall
 

@@ -10,7 +10,6 @@ import pytest
 from zoo import two_masses
 
 from contimpact.errors import InputError
-from contimpact.segments.arithmetic import FLOATS, FUNCTIONS, evaluate_in
 from contimpact.segments.bounded import many_digits
 from contimpact.segments.derivatives import (
     RECORDED,
@@ -22,6 +21,7 @@ from contimpact.segments.derivatives import (
 )
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.layout import flat
+from contimpact.segments.segment import FLOATS, FUNCTIONS, evaluate_in
 from contimpact.segments.transients import HIGHEST, MOTIONS, TABLES, transient
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator

@@ -19,7 +19,6 @@ from contimpact.segments.integrated_flight import (
     flown_of_arrays,
     flown_of_states,
 )
-from contimpact.segments.integrated_track import IntegratedTrack
 from contimpact.segments.integration import integrator, statement, text_of
 from contimpact.segments.machine_code import Program
 from contimpact.segments.oscillation import (
@@ -31,6 +30,7 @@ from contimpact.segments.oscillation import (
     motion_of_gap,
 )
 from contimpact.segments.taylor import flight_by_series, path_by_series
+from contimpact.segments.track import IntegratedTrack
 
 pytest.importorskip(
     "heyoka", reason="flights are integrated by heyoka: pip install contimpact[ode]"

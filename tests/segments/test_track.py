@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from zoo import TWO_MASSES
 
-from contimpact.segments.arithmetic import ARRAYS, evaluate_in
 from contimpact.segments.kernels import Kernels
+from contimpact.segments.segment import ARRAYS, evaluate_in
 from contimpact.segments.touches import interior_touches
 from contimpact.segments.track import DEGREE, sign_changes, track_of
 from contimpact.systems.two_masses import TwoMasses

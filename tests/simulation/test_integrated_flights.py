@@ -7,8 +7,8 @@ from scipy.integrate import solve_ivp
 
 import contimpact as ci
 from contimpact.results.scene import read_scene
-from contimpact.segments.arithmetic import ARRAYS, evaluate_in
-from contimpact.segments.integrated_track import IntegratedCurve
+from contimpact.segments.segment import ARRAYS, evaluate_in
+from contimpact.segments.track import IntegratedCurve
 from contimpact.simulation.attractor import Kind
 from contimpact.simulation.run import Outcome
 from contimpact.simulation.settle import settle

@@ -15,10 +15,10 @@ from contimpact.results.options import Settling
 from contimpact.results.scene import read_scene
 from contimpact.simulation import linear_flights
 from contimpact.simulation import run as run_loops
-from contimpact.simulation.basins import basins
 from contimpact.simulation.run import Outcome
 from contimpact.simulation.settle import settle
 from contimpact.simulation.simulator import Simulator
+from contimpact.simulation.sweep import basins
 from contimpact.systems.coupled_by_impact import CoupledByImpact
 from contimpact.systems.impact_damper import ImpactDamper
 from contimpact.systems.two_masses import TwoMasses

@@ -19,11 +19,10 @@ from contimpact.results.options import Settling
 from contimpact.results.scene import read_scene
 from contimpact.simulation.attractor import Attractor, Kind
 from contimpact.simulation.automaton import _linear_jacobian, _segment_jacobian
-from contimpact.simulation.basins import basins
 from contimpact.simulation.run import State
 from contimpact.simulation.settle import exponents_of, settle
 from contimpact.simulation.simulator import Simulator
-from contimpact.simulation.sweep import same_attractor, sweep
+from contimpact.simulation.sweep import basins, same_attractor, sweep
 from contimpact.systems.coupled_by_impact import CoupledByImpact
 from contimpact.systems.impact_damper import ImpactDamper
 from contimpact.systems.two_masses import TwoMasses

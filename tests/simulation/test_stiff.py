@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from contimpact.segments import flight
-from contimpact.segments.arithmetic import ARRAYS, evaluate_in
+from contimpact.segments.segment import ARRAYS, evaluate_in
 from contimpact.simulation import flights
 from contimpact.simulation.run import State
 from contimpact.simulation.simulator import Simulator

@@ -11,13 +11,13 @@ import pytest
 from contimpact.orbits.search import find_orbits
 from contimpact.results.options import SETTLING, Settling
 from contimpact.simulation.attractor import Attractor, Kind, solve_cycle
-from contimpact.simulation.basins import basins
 from contimpact.simulation.run import State
 from contimpact.simulation.settle import settle
 from contimpact.simulation.simulator import Simulator
 from contimpact.simulation.sweep import (
     Row,
     Simulators,
+    basins,
     find_attractors,
     same_attractor,
     sweep,

@@ -15,9 +15,8 @@ from contimpact.diagrams.explore import follow
 from contimpact.orbits.search import find_orbits
 from contimpact.results.options import Settling
 from contimpact.results.scene import read_scene
-from contimpact.simulation.basins import cover, scene_fragment
 from contimpact.simulation.run import State
-from contimpact.simulation.sweep import Row, Simulators, Sweep, sweep
+from contimpact.simulation.sweep import Row, Simulators, Sweep, cover, scene_fragment, sweep
 from contimpact.simulation.transitions import (
     Transition,
     explain_transition,

@@ -15,9 +15,8 @@ from contimpact.models.linear import Linear
 from contimpact.models.model import Guard, Mode
 from contimpact.results.diagram import Diagram
 from contimpact.simulation.attractor import Attractor, Kind
-from contimpact.simulation.basins import cover
 from contimpact.simulation.settle import settle_again
-from contimpact.simulation.sweep import Row, Simulators, Sweep, same_attractor
+from contimpact.simulation.sweep import Row, Simulators, Sweep, cover, same_attractor
 from contimpact.simulation.transitions import find_transitions, locate
 from contimpact.systems.soft_stop import SoftStop
 

@@ -12,14 +12,13 @@ from zoo import TWO_MASSES, ProportionalMasses
 from contimpact.accuracy.reference import Reference
 from contimpact.bifurcations.kind import switch
 from contimpact.bifurcations.kind import test_functions as functions
-from contimpact.continuation.branch import EndKind
-from contimpact.continuation.settings import Settings
+from contimpact.continuation.branch import EndKind, Settings
 from contimpact.diagrams.orbit_branch import continue_orbit, walk_both_ways
 from contimpact.orbits.search import find_orbits
 from contimpact.results.entry_conversion import impacts_of
-from contimpact.segments.arithmetic import evaluate_in
 from contimpact.segments.bounded import many_digits
 from contimpact.segments.layout import flat
+from contimpact.segments.segment import evaluate_in
 from contimpact.systems.two_masses import TwoMasses
 
 
