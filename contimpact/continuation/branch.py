@@ -659,7 +659,6 @@ class UserFunction(TestFunction[At]):
 
 # The numerics of a walk: tolerances, steps and limits.
 
-
 PREDICTORS = ("tangent", "secant")
 
 

@@ -397,7 +397,6 @@ def _cells(row: Row, names: Sequence[str], letters: Sequence[str], m: int) -> li
 
 # Basins of attraction, and how much of them a diagram covers.
 
-
 REACHED = 1e-5
 """A motion this near to a known periodic attractor, round after round, has reached it."""
 
