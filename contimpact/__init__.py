@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .certificates.certify import certify as certify
-    from .continuation.branch import Settings as Settings
+    from .continuation.settings import Settings as Settings
     from .diagrams.crises import find_crises as find_crises
     from .diagrams.crises import find_crisis_margin as find_crisis_margin
     from .diagrams.crises import follow_crisis as follow_crisis

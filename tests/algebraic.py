@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from contimpact.continuation.branch import EndKind, Settings
+from contimpact.continuation.branch import EndKind
+from contimpact.continuation.settings import Settings
 from contimpact.continuation.walk import walk
 
 EPSILON = float(np.finfo(float).eps)

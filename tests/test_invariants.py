@@ -8,7 +8,7 @@ import invariants
 import pytest
 from zoo import scene
 
-from contimpact.continuation.branch import Settings
+from contimpact.continuation.settings import Settings
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.diagrams.orbit_walks import walk_orbits
 from contimpact.orbits.search import find_orbits

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from zoo import ROOT, tool
 
-from contimpact.continuation.branch import Settings
+from contimpact.continuation.settings import Settings
 from contimpact.errors import InputError
 from contimpact.results.branch import Entry, column, same_data
 from contimpact.results.options import CertifyOptions, CurveOptions, PlotOptions, SimulateOptions

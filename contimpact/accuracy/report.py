@@ -27,8 +27,9 @@ import numpy as np
 from .. import __version__
 from ..arrays import Array
 from ..bifurcations.declarations import KINDS
-from ..continuation.branch import PREDICTORS, Point, Settings, Walk
+from ..continuation.branch import Point, Walk
 from ..continuation.corrector import DENSE_UP_TO, border_jacobian, solve
+from ..continuation.settings import PREDICTORS, Settings
 from ..diagrams.explore import follow
 from ..diagrams.orbit_walks import walk_orbits
 from ..diagrams.starting_orbits import orbits_at_start

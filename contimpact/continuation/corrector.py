@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING, TypeAlias, TypeVar
 import numpy as np
 
 from ..arrays import Array, Vector
-from .branch import Evaluation, Event, Point, Problem, Refusal, RefusalDetails, Settings
+from .branch import Evaluation, Event, Point, Problem, Refusal, RefusalDetails
+from .settings import Settings
 
 if TYPE_CHECKING:
     from scipy.sparse.linalg import SuperLU

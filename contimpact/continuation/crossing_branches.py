@@ -19,8 +19,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..arrays import Array
-from .branch import Point, Problem, Refusal, RefusalDetails, Settings
+from .branch import Point, Problem, Refusal, RefusalDetails
 from .corrector import Arc, length
+from .settings import Settings
 from .step import Notice
 
 NARROWING, GLANCES = 12, 2

@@ -20,12 +20,12 @@ from .branch import (
     Point,
     Points,
     Problem,
-    Settings,
     TestFunction,
     order_events,
     same_place,
 )
 from .corrector import EPSILON, Arc, orientation
+from .settings import Settings
 from .sign_changes import DIPS, OFF_THE_ENDS, Sample, Stretch, crosses, crossings
 
 # How well an event found by bracketing is known: a bound of its parameter's error.

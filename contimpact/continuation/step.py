@@ -17,7 +17,7 @@ from typing import NamedTuple, Protocol, TypeAlias
 import numpy as np
 
 from ..arrays import LISTS, Array, Containers, Table, Vector
-from .branch import Block, Point, Problem, Refusal, RefusalDetails, Settings
+from .branch import Block, Point, Problem, Refusal, RefusalDetails
 from .corrector import (
     CONVERGED,
     D,
@@ -31,6 +31,7 @@ from .corrector import (
     newton,
     predict,
 )
+from .settings import Settings
 from .sign_changes import look_plainly
 
 # Step control: how well a step resolves the branch, and how long the next one is.

@@ -23,7 +23,6 @@ from .branch import (
     Problem,
     Refusal,
     RefusalDetails,
-    Settings,
     TestFunction,
     Walk,
 )
@@ -42,6 +41,7 @@ from .corrector import (
 )
 from .crossing_branches import Find, Meeting, MeetingRecord
 from .events import find_events
+from .settings import Settings
 from .sign_changes import Samples, Stretch
 from .step import (
     FIRST_POINT,

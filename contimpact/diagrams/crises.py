@@ -14,7 +14,8 @@ import numpy as np
 from ..arrays import Array
 from ..bifurcations.crisis import Connected, Connection, error_of, solve
 from ..bifurcations.extended_system import EPSILON
-from ..continuation.branch import End, EndKind, Event, Point, Points, Settings
+from ..continuation.branch import End, EndKind, Event, Point, Points
+from ..continuation.settings import Settings
 from ..continuation.walk import walk
 from ..errors import InputError, explain_arguments
 from ..models.model import Model

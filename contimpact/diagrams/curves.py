@@ -27,7 +27,6 @@ from ..continuation.branch import (
     Point,
     Points,
     Problem,
-    Settings,
     TestFunction,
     UserFunction,
     Walk,
@@ -36,6 +35,7 @@ from ..continuation.branch import (
 from ..continuation.corrector import Arc, correct, length
 from ..continuation.crossing_branches import Meeting
 from ..continuation.events import snap_to_points
+from ..continuation.settings import Settings
 from ..continuation.walk import Policy, keep_interrupted, other_way, walk
 from ..errors import InputError, each_once, explain_arguments, short_repr
 from ..models.model import Model

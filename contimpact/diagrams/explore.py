@@ -20,7 +20,8 @@ import numpy as np
 
 from ..arrays import Array
 from ..bifurcations.kind import Start, kind_of, primitive_start, switch, test_functions
-from ..continuation.branch import End, EndKind, Event, Settings, TestFunction
+from ..continuation.branch import End, EndKind, Event, TestFunction
+from ..continuation.settings import Settings
 from ..errors import InputError, explain_arguments, short_repr
 from ..models.word import Word
 from ..orbits.orbit import Orbit

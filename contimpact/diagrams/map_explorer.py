@@ -15,8 +15,9 @@ import numpy as np
 from ..arrays import Array
 from ..bifurcations.kind import CurveStart, kind_of, test_functions
 from ..bifurcations.requested import RequestedValues
-from ..continuation.branch import End, EndKind, Event, Point, Settings, TestFunction
+from ..continuation.branch import End, EndKind, Event, Point, TestFunction
 from ..continuation.corrector import correct, first_tangent, length
+from ..continuation.settings import Settings
 from ..continuation.walk import Options, is_interrupted
 from ..errors import InputError, explain_arguments
 from ..models.model import Model

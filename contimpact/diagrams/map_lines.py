@@ -21,8 +21,9 @@ import numpy as np
 from ..arrays import Array
 from ..bifurcations.extended_system import solve
 from ..bifurcations.kind import kind_of, primitive_start, switch, test_functions
-from ..continuation.branch import End, EndKind, Event, Points, Settings, TestFunction
+from ..continuation.branch import End, EndKind, Event, Points, TestFunction
 from ..continuation.corrector import correct, first_tangent
+from ..continuation.settings import Settings
 from ..models.model import Model
 from ..models.word import Word, is_rotation
 from ..orbits.orbit import Orbit

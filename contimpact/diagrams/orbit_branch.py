@@ -25,7 +25,6 @@ from ..continuation.branch import (
     Event,
     Point,
     Points,
-    Settings,
     TestFunction,
     UserFunction,
     Walk,
@@ -33,6 +32,7 @@ from ..continuation.branch import (
 )
 from ..continuation.corrector import correct
 from ..continuation.events import separate_events, snap_to_points
+from ..continuation.settings import Settings
 from ..continuation.walk import (
     SAME_SOLUTION,
     Options,

@@ -21,12 +21,12 @@ from ..continuation.branch import (
     Point,
     Points,
     Problem,
-    Settings,
     TestFunction,
     Walk,
 )
 from ..continuation.corrector import EPSILON, Arc
 from ..continuation.events import find_events
+from ..continuation.settings import Settings
 from ..continuation.sign_changes import Sample, Stretch
 from ..continuation.step import Backend, Batch, DenseBackend, Position
 from ..continuation.walk import Options, Policy, walk

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from ..bifurcations.declarations import CURVES
-from ..continuation.branch import Settings
+from ..continuation.settings import Settings
 from ..errors import InputError, short_repr
 from ..models.model import Model
 from ..schema import Table, fit, key

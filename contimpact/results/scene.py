@@ -28,7 +28,7 @@ from ..bifurcations.declarations import (
     usual_events,
     wanted_kinds,
 )
-from ..continuation.branch import Settings
+from ..continuation.settings import Settings
 from ..display import ParameterItems
 from ..errors import InputError, did_you_mean, each_once, explain_arguments, short_repr
 from ..models.expressions import names_in

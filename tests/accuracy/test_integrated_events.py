@@ -7,7 +7,7 @@ import pytest
 
 import contimpact as ci
 from contimpact.accuracy.reference import Reference
-from contimpact.continuation.branch import Settings
+from contimpact.continuation.settings import Settings
 from contimpact.results.branch import orbit_of
 from contimpact.systems.duffing import Duffing
 from contimpact.systems.pendulum import Pendulum

@@ -25,7 +25,7 @@ from contimpact.accuracy.report import (
 )
 from contimpact.accuracy.shooting import EXPLICIT, IMPLICIT, MOST_EVALUATIONS, Shooting
 from contimpact.cli import main
-from contimpact.continuation.branch import Settings
+from contimpact.continuation.settings import Settings
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.orbit_walks import walk_orbits
 from contimpact.errors import InputError

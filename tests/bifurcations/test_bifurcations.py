@@ -17,7 +17,8 @@ import pytest
 from scipy.spatial import cKDTree
 
 from contimpact.bifurcations.kind import kind_of, test_functions
-from contimpact.continuation.branch import EndKind, Event, Point, Settings
+from contimpact.continuation.branch import EndKind, Event, Point
+from contimpact.continuation.settings import Settings
 from contimpact.continuation.walk import walk
 from contimpact.errors import InputError
 from contimpact.models.word import Word

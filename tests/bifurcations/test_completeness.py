@@ -11,7 +11,7 @@ import pytest
 from contimpact.accuracy.reference import Reference
 from contimpact.bifurcations.declarations import EVENTS
 from contimpact.bifurcations.kind import test_functions as make_tests
-from contimpact.continuation.branch import Settings
+from contimpact.continuation.settings import Settings
 from contimpact.diagrams.orbit_branch import walk_both_ways
 from contimpact.orbits.search import find_orbits
 from contimpact.segments.kernels import Kernels

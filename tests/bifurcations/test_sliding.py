@@ -13,7 +13,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import contimpact as ci
-from contimpact.continuation.branch import Settings
+from contimpact.continuation.settings import Settings
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.belt import Belt
 

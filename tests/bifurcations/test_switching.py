@@ -12,7 +12,7 @@ from zoo import scene
 from contimpact.bifurcations.grazing import touches_at
 from contimpact.bifurcations.kind import switch
 from contimpact.bifurcations.kind import test_functions as functions
-from contimpact.continuation.branch import Settings
+from contimpact.continuation.settings import Settings
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.orbit_branch import continue_born, continue_orbit, walk_both_ways
 from contimpact.diagrams.orbit_walks import walk_orbits

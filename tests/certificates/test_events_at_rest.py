@@ -10,7 +10,7 @@ import pytest
 from zoo import PRELOADED, ROOT, Preloaded
 
 import contimpact
-from contimpact.continuation.branch import Settings
+from contimpact.continuation.settings import Settings
 from contimpact.models.word import Word
 from contimpact.orbits.orbit import Orbit
 from contimpact.orbits.problem import OrbitProblem

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from contimpact import continue_born, continue_orbit, find_orbits, follow, follow_curve, read_scene
-from contimpact.continuation.branch import EndKind, Settings
+from contimpact.continuation.branch import EndKind
+from contimpact.continuation.settings import Settings
 from contimpact.diagrams.orbit_branch import Run
 from contimpact.results.diagram_reading import read
 

@@ -129,7 +129,7 @@ def test_events_of_one_place_have_one_arclength(apart):
 @pytest.mark.full
 def test_a_watched_walk_keeps_no_objects(pair, kernel_cache):
     """Bytes for each point of a branch: its numbers, not the objects made of them."""
-    from contimpact.continuation.branch import Settings
+    from contimpact.continuation.settings import Settings
     from contimpact.orbits.search import find_orbits
 
     orbit = next(o for o in find_orbits(pair(), "1:1", parameter="s") if o.physical)

@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from contimpact.continuation import corrector
 from contimpact.continuation import corrector as metric
 from contimpact.continuation import step as step_control
-from contimpact.continuation.branch import Point, Settings
+from contimpact.continuation.branch import Point
 from contimpact.continuation.corrector import correct
+from contimpact.continuation.settings import Settings
 from contimpact.continuation.step import step_after
 from contimpact.errors import InputError
 

@@ -18,12 +18,12 @@ from contimpact.continuation.branch import (
     Location,
     MissedEvent,
     Point,
-    Settings,
     TestFunction,
     UserFunction,
 )
 from contimpact.continuation.corrector import Arc, point_after
 from contimpact.continuation.events import find_events
+from contimpact.continuation.settings import Settings
 from contimpact.continuation.sign_changes import (
     DIPS,
     Sample,

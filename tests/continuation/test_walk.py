@@ -16,11 +16,11 @@ from contimpact.continuation.branch import (
     Event,
     Refusal,
     RefusalDetails,
-    Settings,
     TestFunction,
     UserFunction,
     join_walks,
 )
+from contimpact.continuation.settings import Settings
 from contimpact.continuation.walk import Policy, walk
 
 EPSILON = float(np.finfo(float).eps)

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from contimpact.bifurcations.kind import test_functions as functions_of
-from contimpact.continuation.branch import Settings
 from contimpact.continuation.corrector import DenseSystem, next_tangent, orientation
+from contimpact.continuation.settings import Settings
 from contimpact.continuation.step import HEAD
 from contimpact.continuation.walk import walk
 from contimpact.diagrams.chain_backend import ChainBackend

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from contimpact.continuation.branch import Settings
+from contimpact.continuation.settings import Settings
 from contimpact.diagrams.curves import follow_curve
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits

@@ -10,7 +10,8 @@ import pytest
 
 from contimpact.bifurcations.kind import test_functions as functions_of
 from contimpact.continuation import corrector
-from contimpact.continuation.branch import Settings, UserFunction
+from contimpact.continuation.branch import UserFunction
+from contimpact.continuation.settings import Settings
 from contimpact.continuation.step import Position
 from contimpact.continuation.walk import walk
 from contimpact.diagrams.orbit_walks import backend_of, walk_orbits

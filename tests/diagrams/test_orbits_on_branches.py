@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from contimpact.continuation.branch import Settings
+from contimpact.continuation.settings import Settings
 from contimpact.diagrams.orbit_branch import walk_both_ways
 from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem

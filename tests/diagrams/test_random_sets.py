@@ -16,7 +16,7 @@ from zoo import harmonic_pair, scene_table
 
 from contimpact.bifurcations.declarations import EVENTS
 from contimpact.bifurcations.kind import test_functions as make_tests
-from contimpact.continuation.branch import Settings
+from contimpact.continuation.settings import Settings
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.orbit_branch import walk_both_ways
 from contimpact.errors import InputError

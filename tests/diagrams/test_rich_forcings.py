@@ -10,7 +10,8 @@ from contimpact.bifurcations.declarations import EVENTS
 from contimpact.bifurcations.extended_system import TouchingFlight, located
 from contimpact.bifurcations.grazing import Grazing
 from contimpact.bifurcations.kind import test_functions as make_tests
-from contimpact.continuation.branch import EndKind, Settings
+from contimpact.continuation.branch import EndKind
+from contimpact.continuation.settings import Settings
 from contimpact.diagrams.orbit_branch import symmetric_end, walk_both_ways
 from contimpact.orbits.search import find_orbits
 from contimpact.segments.kernels import Kernels

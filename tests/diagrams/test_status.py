@@ -11,7 +11,8 @@ from scipy.optimize import brentq
 
 from contimpact.bifurcations.declarations import EVENTS
 from contimpact.bifurcations.kind import test_functions as make_tests
-from contimpact.continuation.branch import Points, Settings, TestFunction
+from contimpact.continuation.branch import Points, TestFunction
+from contimpact.continuation.settings import Settings
 from contimpact.diagrams.orbit_branch import walk_both_ways
 from contimpact.diagrams.orbit_walks import places_with_status
 from contimpact.orbits.search import find_orbits

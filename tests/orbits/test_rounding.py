@@ -12,7 +12,8 @@ from zoo import ROOT
 
 from contimpact.accuracy.reference import Reference
 from contimpact.bifurcations.kind import test_functions as make_tests
-from contimpact.continuation.branch import Settings, UserFunction
+from contimpact.continuation.branch import UserFunction
+from contimpact.continuation.settings import Settings
 from contimpact.diagrams.orbit_branch import walk_both_ways
 from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem

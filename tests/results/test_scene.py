@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contimpact.continuation.branch import Settings
+from contimpact.continuation.settings import Settings
 from contimpact.errors import InputError
 from contimpact.models.word import Word
 from contimpact.results.scene import Scene, load_scene, read_scene

@@ -11,8 +11,8 @@ from zoo import ROOT
 
 import contimpact as ci
 from contimpact.bifurcations.declarations import EVENTS
-from contimpact.continuation.branch import Settings
 from contimpact.continuation.corrector import correct
+from contimpact.continuation.settings import Settings
 from contimpact.diagrams.explore import follow
 from contimpact.page.data import PageView, page_data
 from contimpact.plots.lines import STYLES, runs

@@ -19,7 +19,8 @@ from contimpact import ImpactPair, continue_orbit, find_orbits
 from contimpact import storage as files
 from contimpact.arrays import VECTOR
 from contimpact.bifurcations.kind import test_functions as functions_of
-from contimpact.continuation.branch import EndKind, Settings
+from contimpact.continuation.branch import EndKind
+from contimpact.continuation.settings import Settings
 from contimpact.diagrams.orbit_program import program_of
 from contimpact.diagrams.orbit_walks import backend_of, walk_orbits
 from contimpact.errors import InputError
@@ -291,7 +292,7 @@ def test_the_time_of_plain_steps_is_counted_for_their_program(monkeypatch):
 RUN = """
 import math, sys
 from contimpact import ImpactPair, continue_orbit, find_orbits
-from contimpact.continuation.branch import Settings
+from contimpact.continuation.settings import Settings
 orbit = find_orbits(ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.7), "1:1")[0]
 branch = continue_orbit(orbit, "s", (0.3, 0.72), settings=Settings(step=0.001, max_step=0.001))
 print(len(branch), *sorted({"llvmlite", "sympy"} & set(sys.modules)))

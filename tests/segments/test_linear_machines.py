@@ -10,7 +10,7 @@ import pytest
 from zoo import ROOT
 
 from contimpact import continue_orbit, find_orbits
-from contimpact.continuation.branch import Settings
+from contimpact.continuation.settings import Settings
 from contimpact.diagrams.orbit_program import flow_compiled, space_of
 from contimpact.results.scene import load_scene
 from contimpact.segments.linear_flow import Shape, flow

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from contimpact.bifurcations.kind import test_functions as functions
-from contimpact.continuation.branch import Settings
+from contimpact.continuation.settings import Settings
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.orbit_branch import symmetric, symmetry_of, walk_both_ways
 from contimpact.orbits.search import find_orbits

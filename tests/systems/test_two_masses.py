@@ -12,7 +12,8 @@ from zoo import TWO_MASSES, ProportionalMasses
 from contimpact.accuracy.reference import Reference
 from contimpact.bifurcations.kind import switch
 from contimpact.bifurcations.kind import test_functions as functions
-from contimpact.continuation.branch import EndKind, Settings
+from contimpact.continuation.branch import EndKind
+from contimpact.continuation.settings import Settings
 from contimpact.diagrams.orbit_branch import continue_orbit, walk_both_ways
 from contimpact.orbits.search import find_orbits
 from contimpact.results.entry_conversion import impacts_of
