@@ -22,7 +22,7 @@ from contimpact.results.branch import Entry
 from contimpact.schema import table_columns
 from contimpact.segments.checking import check_model
 from contimpact.segments.kernels import Kernels
-from contimpact.simulation.sweep import columns_of
+from contimpact.simulation.sweep import attractor_columns
 
 R, OMEGA, G = 0.5, 50.0, 9.8
 FOLD = math.pi * (1 - R) / (1 + R)
@@ -148,7 +148,7 @@ def test_the_columns_of_all_tables_are_known(tmp_path):
     branch = continue_orbit(
         find_orbits(model, "1", parameter="a")[0], "a", (0.9 * model.values["a"], 0.01)
     )
-    own, several = {*model.values, *model.DERIVED}, columns_of(4)
+    own, several = {*model.values, *model.DERIVED}, attractor_columns(4)
     columns = {*branch.columns, *table_columns(Entry), *several} - own
     for column in columns:
         with pytest.raises(InputError, match="column of that name"):
