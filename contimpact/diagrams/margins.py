@@ -49,6 +49,9 @@ LOOSE, HALVINGS = 0.05, 10
 STATIONARY = 1e-9
 """Part of the distance by which the nearest point may be off along the surface."""
 
+ROUNDED = 2.0**-48
+"""How far astray rounding leads, as a part of the parameters: sixteen units in the last place."""
+
 FARTHEST = 0.3
 """How far a step of the search may move the orbit, in its natural sizes."""
 
@@ -554,7 +557,9 @@ def nearest_point(
             step = y - before[0]
             hessian = updated_hessian(hessian, step, step + mu * (normal - before[1]))
         astray = max(abs(off), float(np.linalg.norm(y - (normal @ y) * normal)))
-        if np.max(np.abs(at.residual)) < CONVERGED and astray <= STATIONARY * np.linalg.norm(y):
+        least = ROUNDED * float(np.max(np.abs(here.unknowns[n:] / units)))
+        near_enough = max(STATIONARY * float(np.linalg.norm(y)), least)
+        if np.max(np.abs(at.residual)) < CONVERGED and astray <= near_enough:
             if settled:
                 return here, own, at
             settled = True  # one step more: directions are only as good as they are stationary

@@ -312,3 +312,20 @@ def test_events_of_another_orbit_nearby_do_not_count():
     pair = ci.ImpactPair(beta=0.26096942801, r=0.125515386551, A=5.0, s=0.364351616005)
     orbit = next(o for o in ci.find_orbits(pair, "2:1", parameter="s") if o.stable and o.physical)
     assert ci.find_margins(orbit, TOLERANCES | {"beta": 0.02}).nearest.label == "FB"
+
+
+@pytest.mark.full
+def test_the_margin_of_an_orbit_right_beside_a_fold():
+    """Rounding of the parameter is a larger part of a small distance than what settles a search."""
+    pair = ci.ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.34)
+    orbit = next(o for o in ci.find_orbits(pair, "2:1", parameter="s") if o.stable and o.physical)
+    fold = 0.356895277000131
+    away = [1e-6, 1e-7, 1e-8]
+    values = {"s": [fold - distance for distance in away]}
+    branch = ci.continue_orbit(orbit, "s", range=(0.3, 0.4), events=["FB"], values=values)
+    beside = [e.orbit() for e in branch.events if e.kind == "UZ" and e.stable]
+    assert len(beside) == len(away)
+    for near in beside:
+        nearest = ci.find_margins(near, {"s": 0.007}).nearest
+        assert nearest.kind == "FB"
+        assert 0.007 * nearest.distance == pytest.approx(fold - near.parameters["s"], abs=1e-13)
