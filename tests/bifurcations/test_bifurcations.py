@@ -748,7 +748,7 @@ def test_long_and_short_steps_find_the_same_events(seed):
     orbits = [o for word in ("1:1", "2:1") for o in find_orbits(model, word, parameter=parameter)]
     assert orbits
     for orbit in orbits:
-        coarse, fine = (found_with(orbit, limits, step) for step in (0.05, 0.005))
+        coarse, fine = (found_with(orbit, limits, step) for step in (0.05, 0.0025))
         for one, other in zip(coarse, fine, strict=True):
             assert [kind for kind, _ in one] == [kind for kind, _ in other]
             assert [value for _, value in one] == pytest.approx(
