@@ -374,13 +374,27 @@ def _guard(name: str, given: Any, coordinates: Sequence[str]) -> StatedGuard:
     for key in ("within", "restitution"):
         if key not in given:
             raise InputError(f"{where}.{key}", "missing", f"give {key}, an expression in quotes")
-    left, side, position = sides_of(given["within"], f"{where}.within", coordinates)
-    row = row_of(left, f"{where}.within", coordinates)
+    row, side, position = surface_of(given["within"], f"{where}.within", coordinates)
     restitution = text_of(given["restitution"], f"{where}.restitution")
     return StatedGuard(name, row, side, position, restitution)
 
 
-def sides_of(text: Any, where: str, coordinates: Sequence[str]) -> tuple[str, int, str]:
+def surface_of(
+    text: Any, where: str, coordinates: Sequence[str]
+) -> tuple[tuple[float, ...], int, str]:
+    """Return row, side and position of a stated guard; where it is on one coordinate, this is the
+    gap coordinate, whatever factor it has."""
+    gap, side, position = _sides(text, where, coordinates)
+    row = row_of(gap, where, coordinates)
+    factors = [factor for factor in row if factor]
+    if len(factors) > 1 or factors == [1.0]:
+        return row, side, position
+    (factor,) = factors
+    position = f"-({position})" if factor == -1.0 else f"({position})/({factor!r})"
+    return tuple(float(c != 0.0) for c in row), side if factor > 0.0 else -side, position
+
+
+def _sides(text: Any, where: str, coordinates: Sequence[str]) -> tuple[str, int, str]:
     """The gap coordinate, +1 where it stays below its position, and the position."""
     accepted = f'give where the machine stays, such as "{coordinates[0]} <= sigma"'
     found = f"found {short_repr(text)}"

@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 
 from ..errors import InputError, did_you_mean, short_repr
 from .expressions import CONSTANTS, FUNCTIONS, check_expression, names_in, number
-from .machine import MOST_COORDINATES, TIME, Timed, angles_of, row_of, sides_of, stay_text, text_of
+from .machine import MOST_COORDINATES, TIME, Timed, angles_of, stay_text, surface_of, text_of
 
 Texts: TypeAlias = tuple[tuple[str, str], ...]
 """Names, and an expression for each."""
@@ -305,8 +305,7 @@ def _guard(
 ) -> StatedGuard:
     where = f"guards.{name}"
     coordinates = mode.coordinates(sections)
-    left, side, position = sides_of(given["within"], f"{where}.within", coordinates)
-    row = row_of(left, f"{where}.within", coordinates)
+    row, side, position = surface_of(given["within"], f"{where}.within", coordinates)
     after, past = _texts(given.get("set", {}), f"{where}.set"), given.get("past", "")
     return StatedGuard(name, names, given.get("to", names[0]), row, side, position, after, past)
 

@@ -419,7 +419,7 @@ def test_a_number_beside_another_is_another_system():
         (pd, "0.66666667*x", "2*x/3"),
         (v, "0.66666667*x", "0.66666667001*x"),
         (v, "0.1*v", "0.10000000001*v"),
-        (v, "[0.7]", "[0.70000000001]"),
+        (v, "(d)/(0.7)", "(d)/(0.70000000001)"),
     ]:
         machine = entry.options["machine"]
         assert old in machine

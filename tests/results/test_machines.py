@@ -15,6 +15,7 @@ from contimpact.errors import InputError
 from contimpact.orbits.search import find_orbits
 from contimpact.results.scene import load_scene, read_scene
 from contimpact.segments.checking import check_model
+from contimpact.segments.kernels import Kernels
 from contimpact.systems.impact_damper import ImpactDamper
 
 MASSES = {
@@ -191,6 +192,17 @@ def test_the_sides_of_a_guard_may_change_places():
     stated = {name: {"within": text, "restitution": "r"} for name, text in guards.items()}
     walls = scene_of(MASSES | {"guards": stated}).model.WALLS
     assert [(wall.side, wall.coordinate) for wall in walls] == [(+1, (1.0, 0.0)), (-1, (1.0, -1.0))]
+
+
+@pytest.mark.parametrize("text", ["-x1 >= -sigma_1", "3*x1 <= 3*sigma_1", "-sigma_1/2 <= -x1/2"])
+def test_a_guard_on_one_coordinate_has_it_as_its_gap_coordinate(text):
+    """Others were told apart from guards on the same surface, and their grazings not found."""
+    guards = MASSES["guards"] | {"A": {"within": text, "restitution": "r"}}
+    model = scene_of(MASSES | {"guards": guards}).model
+    wall = model.guard("A")
+    assert (wall.side, wall.coordinate) == (+1, (1.0, 0.0))
+    position = Kernels(model, "omega").setup(*model.values.values()).walls[0]
+    assert position == pytest.approx(model.values["sigma_1"], rel=1e-15)
 
 
 def test_names_may_be_words_of_python():
