@@ -57,6 +57,10 @@ MEANS = tuple(1.0 / math.factorial(k + 1) for k in range(TERMS))
 SLOPES = tuple((k + 1.0) / math.factorial(k + 2) for k in range(TERMS))
 """Coefficients of phi'."""
 
+UNLIKE = 2.0**10
+"""Coordinates have units of their own where what one does to another is so many times what the
+other does to it."""
+
 LONGEST = 2.0**60
 """Longest flight, in radians or as an exponent: no digit is left of a phase beyond."""
 BEYOND = "a linear flight with numbers beyond the range of floats"
@@ -76,6 +80,7 @@ def flow(d: int, h: int, directions: int, dt: float, *numbers: float) -> tuple[f
 
 
 @lru_cache(maxsize=64)
+@np.errstate(over="ignore", invalid="ignore")  # what is tried and diverges says so by its residuals
 def _flow(
     d: int, h: int, directions: int, dt: float, numbers: tuple[float, ...]
 ) -> tuple[float, ...]:
@@ -122,7 +127,7 @@ def balance(
     if not choose_units(d, h, numbers, scales):
         return math.inf
     for i in range(d):
-        top[columns * i + d + i] = scales[d + i]
+        top[columns * i + d + i] = scales[d + i] / scales[i]
     whole = largest = column_sums(d, h, numbers, 0, scales, sums, 0.0)
     for b in range(directions + 1):
         if b > 0:
@@ -164,7 +169,7 @@ def column_sums(
             total += abs(numbers[at + d * n + (j - 2 * d) // 2])
         if size == 0.0:
             if d <= j < 2 * d:
-                total += scales[j]
+                total += scales[j] / scales[j - d]
             sums[j] = total
         elif size < math.inf:
             total = total / size + sums[j]
@@ -176,36 +181,51 @@ def column_sums(
 def choose_units(d: int, h: int, numbers: Sequence[float] | Vector, scales: Vector) -> bool:
     """Fill in the units of X; whether all numbers are within the range of floats."""
     n = 2 * d + 2 * h + 1
+    for i in range(d * n + h):
+        if not abs(numbers[i]) < math.inf:
+            return False
+    balance_coordinates(d, n, numbers, scales)
     stiffness, damping, waves = 0.0, 0.0, 0.0
     for i in range(d):
-        for j in range(n):
-            size = abs(numbers[n * i + j])
-            if not size < math.inf:
-                return False
-            if j < d:
-                stiffness = max(stiffness, size)
-            elif j < 2 * d:
-                damping = max(damping, size)
+        for k in range(d):
+            unit = scales[k] / scales[i]
+            stiffness = max(stiffness, abs(numbers[n * i + k]) * unit)
+            damping = max(damping, abs(numbers[n * i + d + k]) * unit)
     for i in range(h):
-        size = abs(numbers[d * n + i])
-        if not size < math.inf:
-            return False
-        waves = max(waves, size)
+        waves = max(waves, abs(numbers[d * n + i]))
     stiffness = math.sqrt(stiffness)
     speed = power_of_two(stiffness or damping or waves or 1.0)
     fastest = max(stiffness, damping, waves) or 1.0
     for i in range(d):
-        scales[i], scales[d + i] = 1.0, speed
+        scales[d + i] = scales[i] * speed
     for k in range(h + 1):
         push = 0.0
         first = 2 * d + 2 * k
         for j in range(first, min(first + 2, n)):
             for i in range(d):
-                push = max(push, abs(numbers[n * i + j]))
+                push = max(push, abs(numbers[n * i + j]) / scales[i])
         unit = power_of_two(fastest * speed / push) if push > 0.0 else 1.0
         for j in range(first, min(first + 2, n)):
             scales[j] = unit
     return True
+
+
+def balance_coordinates(d: int, n: int, numbers: Sequence[float] | Vector, scales: Vector) -> None:
+    """Fill in the units of positions: one, unless what two coordinates do to each other is so
+    unlike that their units are, as those of a position and a velocity in metres and seconds."""
+    for i in range(d):
+        scales[i] = 1.0
+    for i in range(d * d):
+        own = i % d
+        taken, given = 0.0, 0.0
+        for k in range(d):
+            if k != own:
+                unit = scales[k] / scales[own]
+                by, to = n * own + k, n * k + own
+                taken = max(taken, max(abs(numbers[by]), abs(numbers[by + d])) * unit)
+                given = max(given, max(abs(numbers[to]), abs(numbers[to + d])) / unit)
+        if taken > UNLIKE * given > 0.0 or given > UNLIKE * taken > 0.0:
+            scales[own] *= power_of_two(math.sqrt(taken / given))
 
 
 def power_of_two(size: float) -> float:
@@ -469,20 +489,12 @@ def _tables(shape: Shape, orders: list[list[Array]], dt: Any, summed: Summed) ->
 def scales_of(shape: Shape, generator: Array) -> Array:
     """Units of X, powers of two: those of velocities and forces by the frequencies there are."""
     d, h, _ = shape
-    absolute = np.abs(generator).astype(float)
-    sizes = absolute.reshape(-1, shape.size, shape.size).max(axis=0)
-    waves = float(sizes[2 * d :].max(initial=0.0))
-    stiffness = math.sqrt(float(sizes[d : 2 * d, :d].max()))
-    damping = float(sizes[d : 2 * d, d : 2 * d].max())
-    speed = _power_of_two(stiffness or damping or waves or 1.0)
-    fastest = max(stiffness, damping, waves) or 1.0
-    scales = np.ones(shape.size)
-    scales[d : 2 * d] = speed
-    for first, last in [*((2 * d + 2 * i, 2 * d + 2 * i + 2) for i in range(h)), (-1, None)]:
-        push = float(sizes[d : 2 * d, first:last].max())
-        if push > 0.0:
-            scales[first:last] = _power_of_two(fastest * speed / push)
-    return scales
+    sizes = np.abs(generator).astype(float).reshape(-1, shape.size, shape.size).max(axis=0)
+    waves = [sizes[j + 1, j] for j in range(2 * d, 2 * d + 2 * h, 2)]
+    scales = [1.0] * shape.size
+    if not choose_units(d, h, [*sizes[d : 2 * d].ravel().tolist(), *map(float, waves)], scales):
+        raise OverflowError(BEYOND)
+    return np.array(scales)
 
 
 def mean_of(shape: Shape, generator: Array, dt: float) -> Array:
