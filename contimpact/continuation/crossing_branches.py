@@ -22,14 +22,11 @@ from ..arrays import Array
 from .branch import Point, Problem, Refusal, RefusalDetails
 from .corrector import Arc, length
 from .settings import Settings
-from .step import Notice
+from .step import EVENLY, Notice
 
 NARROWING, GLANCES = 12, 2
 """How often a step is halved towards the place where its orientation flips, and where it does
 not."""
-
-EVENLY = 0.05
-"""How well one factor describes how the orientation changes along an arc."""
 
 SHARP, SHORT, ROUNDED = 0.1, 0.02, 4.0
 """Where another branch passes: the residual a point may have as a part of nu, and the shortest step

@@ -130,8 +130,10 @@ walk or one on a limit of its range; see `take_point`."""
     ARCLENGTH,
     BEHIND,
     ORIENTATION,
+    FARTHER,
     EARLIER,
     POINTS,
+    EARLIEST,
     NEXT_STEP,
     CORRECTION,
     TURNED,
@@ -142,11 +144,11 @@ walk or one on a limit of its range; see `take_point`."""
     REJECTED,
     EVALUATIONS,
     PLACES,
-) = range(16)
-"""Places in `state`. The length of the step to try; the arclength here and at the point before (NaN
-if there is none), and the orientation at both; points so far. Of the step last tried: the length to
-follow it, the first correction, the angle, and the defect. Why no further step was accepted: a
-status, or a sum of notices. Three counts. Last, how many places there are."""
+) = range(18)
+"""Places in `state`. The length of the step to try; the arclength here and at the two points before
+(NaN where there are none), and the orientation at the three; points so far. Of the step last tried:
+the length to follow it, the first correction, the angle, and the defect. Why no further step was
+accepted: a status, or a sum of notices. Three counts. Last, how many places there are."""
 
 NO_TANGENT, TURNS, BENDS, LEAVES = range(5, 9)
 """Status codes of a step, besides those of `newton`."""
@@ -159,6 +161,9 @@ LITTLE = 0.25
 """Part of the orientation that is left where it is about to vanish."""
 
 HEAD = 3
+EVENLY = 0.05
+"""How well one factor describes how the orientation changes along an arc, or from step to step."""
+
 """Numbers of a row between unknowns and tangent and what `observe` records: orientation, arclength
 and iterations."""
 
@@ -357,9 +362,9 @@ def accept(vectors: tuple[Vector, ...], orientation: float, arclength: float) ->
             chord[i] = new[i] - z[i]
     for i in range(len(z)):
         z[i], tangent[i] = new[i], along[i]
-    state[EARLIER] = state[ORIENTATION]
+    state[EARLIEST], state[EARLIER] = state[EARLIER], state[ORIENTATION]
     state[ORIENTATION] = orientation
-    state[BEHIND] = state[ARCLENGTH]
+    state[FARTHER], state[BEHIND] = state[BEHIND], state[ARCLENGTH]
     state[ARCLENGTH] = arclength
     state[POINTS] += 1
     state[STEP] = state[NEXT_STEP]
@@ -401,29 +406,49 @@ def notices(
     `before` and `now` are the parameter's values, `turning` is negative where it turns back between
     them, and `size` is its natural size.
     """
-    found, known = 0, state[ORIENTATION]
+    found, known, ahead = 0, state[ORIENTATION], arclength - state[ARCLENGTH]
     if not options[LOW] <= now <= options[HIGH]:
         found += BEYOND
     if (orientation >= 0.0) != (known >= 0.0):
         if known == known:
             found += FLIPS
-    elif options[MEETINGS] != 0.0 and orientation_dips(state, arclength - state[ARCLENGTH]):
+    elif options[MEETINGS] != 0.0 and orientation_dips(state, orientation, ahead):
         found += DIPS
     reach = 1.5 * abs(now - before) + options[SAME] * size
     if turning < 0.0:  # a start beside the turn may lie beyond both values
-        reach = 1.5 * (arclength - state[ARCLENGTH]) * size
+        reach = 1.5 * ahead * size
     if state[POINTS] >= 4.0 and abs(now - options[FIRST]) <= reach:
         found += NEAR_START
     return found
 
 
-def orientation_dips(state: Vector, ahead: float) -> bool:
+def orientation_dips(state: Vector, orientation: float, ahead: float) -> bool:
     """Whether the orientation was to vanish within the step or just beyond."""
     earlier, known, behind = state[EARLIER], state[ORIENTATION], state[ARCLENGTH] - state[BEHIND]
     if not behind > 0.0 or known == 0.0:
         return False
     there = known + (known - earlier) * (ahead / behind)
-    return (there if known > 0.0 else -there) < LITTLE * abs(known)
+    vanishes = (there if known > 0.0 else -there) < LITTLE * abs(known)
+    return vanishes and not changes_evenly(state, orientation, ahead)
+
+
+def changes_evenly(state: Vector, orientation: float, ahead: float) -> bool:
+    """Whether one factor describes how the orientation changes from two points before to the one
+    reached, as that of long words does, which is a product over all flights.
+
+    Where it falls towards a crossing in proportion to the distance, of at most 4/3 of the step if
+    it dips, the factors of the two steps before differ by an eighth or more.
+    """
+    behind, farther = state[ARCLENGTH] - state[BEHIND], state[BEHIND] - state[FARTHER]
+    known, earlier, earliest = state[ORIENTATION], state[EARLIER], state[EARLIEST]
+    if not farther > 0.0 or earlier == 0.0 or earliest == 0.0:
+        return False
+    first, second, third = earlier / earliest, known / earlier, orientation / known
+    if not min(first, second, third) > 0.0:
+        return False
+    rate = math.log(second) / behind
+    before, after = math.log(first) / farther, math.log(third) / ahead
+    return abs(rate - before) * ahead <= EVENLY and abs(after - rate) * ahead <= EVENLY
 
 
 # Where a walk is, the steps from there, and what they make: the seam to the backends.
@@ -443,8 +468,8 @@ class Position:
     """Where a walk is, and the numerics of the steps from there."""
 
     here: Point
-    behind: Point | None
-    """`here`, `behind`: the point reached, and the one before; None where that does not count."""
+    behind: Sequence[Point]
+    """`here`, `behind`: the point reached, and up to two before, in order, where they count."""
     first: float
     """The parameter at the start of the walk."""
     points: int
@@ -476,22 +501,23 @@ class Position:
 
     def state(self) -> list[float]:
         """Return the vector `state` of `take_steps`."""
-        before = (math.nan, math.nan)
-        if self.behind is not None:
-            before = self.behind.arclength, self.behind.orientation
         state = [0.0] * PLACES
         state[STEP], state[POINTS] = self.step, float(self.points)
         state[ARCLENGTH], state[ORIENTATION] = self.here.arclength, self.here.orientation
-        state[BEHIND], state[EARLIER] = before
+        places, before = [math.nan, math.nan], [math.nan, math.nan]
+        for i, point in enumerate(reversed(self.behind)):
+            places[i], before[i] = point.arclength, point.orientation
+        state[BEHIND], state[FARTHER] = places
+        state[EARLIER], state[EARLIEST] = before
         return state
 
     def chord(self) -> Array:
         """Return the way from the point before; where a point is solved for, its guess."""
         if self.guess is not None:
             return self.guess
-        if self.behind is None:
+        if not self.behind:
             return np.zeros(len(self.scale))
-        return self.here.unknowns - self.behind.unknowns
+        return self.here.unknowns - self.behind[-1].unknowns
 
     def vectors(self, recorded: int, most: int, made_by: Containers = LISTS) -> StepVectors:
         """Return the vectors with which `take_steps` makes at most so many points.

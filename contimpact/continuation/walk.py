@@ -468,7 +468,7 @@ class _Walker:
 
     def solved(self, here: Point, guess: Array, task: int) -> Point | Block | None:
         """The point at the parameter value of a guess, where the backend finds it."""
-        place = here, None, here.parameter, len(self.points), self.settings.step, self.scale
+        place = here, (), here.parameter, len(self.points), self.settings.step, self.scale
         position = Position(
             *place, self.limits, SAME_SOLUTION, self.settings, False, False, task, guess
         )
@@ -540,7 +540,8 @@ class _Walker:
         """Take steps from the last point."""
         here = self.sharpened()
         numerics = self.numerics(here)
-        before = self.points[-2] if self.seen.follows else None
+        places = range(-min(3, len(self.points)), -1) if self.seen.follows else ()
+        before = [self.points[i] for i in places]
         place = here, before, self.mark.parameter, len(self.points), step, self.scale
         judged = numerics is self.settings, self.passes.find is not None
         position = Position(*place, self.limits, SAME_SOLUTION, numerics, *judged)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from algebraic import Algebraic, follow
 
+from contimpact.continuation import step
 from contimpact.continuation.branch import (
     End,
     EndKind,
@@ -676,3 +677,26 @@ def test_steps_shrink_where_a_branch_bends_and_grow_again():
     assert max(sharp) < 0.01
     assert max(steps) > 0.05
     assert len(found.points) <= 80  # measured: 52
+
+
+@pytest.mark.parametrize(
+    ("orientation", "dips"),
+    [
+        (lambda s: 1.3 - s, True),
+        (lambda s: math.exp(-3.0 * s) * (1.2 - s), True),
+        (lambda s: -math.exp(-s) * (0.4 - s) ** 2, True),
+        (lambda s: math.exp(-3.0 * s), False),
+        (lambda s: -math.exp(-3.0 * s + 0.02 * s * s), False),
+        (lambda s: 2.0 + 0.1 * s, False),
+    ],
+)
+@pytest.mark.parametrize("lengths", [(1.0, 1.0), (0.25, 0.5)])
+def test_an_orientation_that_changes_by_one_factor_is_not_about_to_vanish(
+    orientation, dips, lengths
+):
+    """As those of long words do, at the points before a step of length one and behind it."""
+    state = [0.0] * step.PLACES
+    state[step.FARTHER], state[step.BEHIND] = -sum(lengths), -lengths[1]
+    state[step.EARLIEST] = orientation(-sum(lengths))
+    state[step.EARLIER], state[step.ORIENTATION] = orientation(-lengths[1]), orientation(0.0)
+    assert step.orientation_dips(state, orientation(1.0), 1.0) is dips

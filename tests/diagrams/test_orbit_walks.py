@@ -124,7 +124,7 @@ def test_test_functions_of_a_batch_are_those_of_its_points(pair, word):
     backend = backend_of(orbit.problem, tests)
     position = Position(
         found.points[1],
-        found.points[0],
+        found.points[:1],
         orbit.unknowns[-1],
         2,
         0.01,
