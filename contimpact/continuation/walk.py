@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -423,12 +424,13 @@ class _Walker:
             kind = EndKind.SINGULAR if self.points else EndKind.START
             return self.finished(self.end(kind, start[-1], why=reason))
         step, most = self.settings.step, self.fewest
+        longest = math.ceil(OUTGROWN / self.settings.max_step)  # until sizes may have grown
         while (left := self.settings.max_points - len(self.points)) > 0:
             if len(self.points) > 1 and self.grow():
                 most = self.fewest
             leaves = self.branching and len(self.points) == 1
             careful = leaves or self.near(self.points[-1]) is not None
-            batch = self.advance(step, 1 if careful else min(most, left))
+            batch = self.advance(step, 1 if careful else min(most, longest, left))
             if careful and batch.piece is not None:
                 other = self.instead(step, Points([batch.piece])[-1])
                 if other:

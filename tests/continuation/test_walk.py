@@ -22,7 +22,8 @@ from contimpact.continuation.branch import (
     join_walks,
 )
 from contimpact.continuation.settings import Settings
-from contimpact.continuation.walk import Policy, walk
+from contimpact.continuation.step import DenseBackend
+from contimpact.continuation.walk import OUTGROWN, Policy, walk
 
 EPSILON = float(np.finfo(float).eps)
 
@@ -700,3 +701,16 @@ def test_an_orientation_that_changes_by_one_factor_is_not_about_to_vanish(
     state[step.EARLIEST] = orientation(-sum(lengths))
     state[step.EARLIER], state[step.ORIENTATION] = orientation(-lengths[1]), orientation(0.0)
     assert step.orientation_dips(state, orientation(1.0), 1.0) is dips
+
+
+def test_batches_end_before_sizes_may_have_grown_much():
+    asked = []
+
+    class Recorded(DenseBackend):
+        def advance(self, position, most):
+            asked.append(most)
+            return super().advance(position, most)
+
+    problem, settings = line(), Settings(max_step=0.5)
+    follow(problem, np.zeros(2), limits=(-1.0, 9.0), settings=settings, backend=Recorded(problem))
+    assert max(asked) == OUTGROWN / settings.max_step
