@@ -12,14 +12,18 @@ import numpy as np
 
 from contimpact.bifurcations.kind import Change, kind_of
 from contimpact.continuation.branch import EndKind, Points
+from contimpact.continuation.corrector import EPSILON
 from contimpact.diagrams import orbit_branch, orbit_walks
 from contimpact.diagrams.orbit_walks import places_with_status
 from contimpact.orbits.problem import Summary, rounding
 from contimpact.orbits.status import PHYSICAL, count_unstable
-from contimpact.segments.bounded import UNIT
 
 EVENT_RESIDUAL = 1e-10
 """The residual an event may have at most, however it was located."""
+
+EVENT_ROUNDING = 1e-14
+"""The error, beside the parameter, of an event whose residual is one of rounding though larger, as
+where a stiff contact turns its derivatives within 1e-6 of a period."""
 
 ROUNDING = 1e-6
 """A restitution below this is one of rounding."""
@@ -74,13 +78,21 @@ def check_walk(problem, walk, asked, settings, switched):
 
 def check_residuals(points, settings):
     """Residuals are within the tolerance; where that is below rounding, within that, of the
-    equations and of the unknowns themselves."""
+    equations and of the unknowns: of these all together, as Newton's steps are judged."""
     residuals = Summary.of(points.numbers).largest_residual
+    span = np.ptp(points.unknowns[:, -1]) or 1.0
     assert np.all(np.isfinite(residuals))
     for i in np.nonzero(residuals > settings.tolerance)[0].tolist():
         here = points[i].evaluation
-        moved = np.abs(here.jacobian) @ (UNIT * np.abs(here.unknowns))
-        allowed = 4.0 * settings.tolerance + rounding(here).residual + moved
+        units = here.problem.scale(here.unknowns, span)
+        step = 4.0 * EPSILON * np.linalg.norm(here.unknowns / units)
+        moved = step * np.abs(here.jacobian) @ units
+        for before in ([0, i], range(i + 1)):  # those of the walk, which may have grown on the way
+            scales = [here.problem.scale(points[k].unknowns, 1.0) for k in before]
+            sizes = here.problem.residual_sizes(np.max(scales, axis=0))
+            allowed = 4.0 * settings.tolerance * sizes + rounding(here).residual + moved
+            if np.all(np.abs(here.residual) <= allowed):
+                break
         assert np.all(np.abs(here.residual) <= allowed)
 
 
@@ -109,7 +121,10 @@ def check_events(points, walk):
     assert own == sorted(own)
     for event, place in zip(walk.events, own, strict=True):
         assert places[0] - ON_LIMIT <= place <= places[-1] + ON_LIMIT
-        assert event.residual <= EVENT_RESIDUAL
+        problem = event.point.evaluation.problem
+        sizes = problem.residual_sizes(problem.scale(event.point.unknowns, 1.0))
+        rounds = event.method == "newton" and event.error <= EVENT_ROUNDING * abs(event.parameter)
+        assert rounds or event.residual <= EVENT_RESIDUAL * max(1.0, np.max(sizes))
         assert np.isfinite(event.error)
         assert event.error >= 0.0
         after = min(max(int(np.searchsorted(places, place)), 1), len(places) - 1)

@@ -102,7 +102,8 @@ class BP(Kind):
         if directions is None:
             return None
         along = event.point.tangent
-        other = orient_vector(min(directions, key=lambda one: abs(one @ along)))
+        units = here.sizes[1] ** 2
+        other = orient_vector(min(directions, key=lambda one: abs(one / units @ along)))
         return Start(problem, here.unknowns, other, branching=True, both_ways=True)
 
     def curve_end(self, own: Array) -> EndKind | None:
@@ -114,8 +115,8 @@ class BP(Kind):
 
 def directions_at(here: Linearisation) -> list[Array] | None:
     """Return unit vectors along the two branches that cross at an orbit; None where none do."""
-    left, _, right = np.linalg.svd(here.jacobian)
-    psi, null = left[:, -1], right[-2:]
+    left, right = here.singular_vectors(here.jacobian)
+    psi, null = left[-1], right[-2:]
     along = [here.problem.second_along(here.unknowns, vector) for vector in null]
     form = np.array([[float(psi @ row @ vector) for vector in null] for row in along])
     found = _isotropic(form)

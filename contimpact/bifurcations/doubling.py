@@ -36,6 +36,7 @@ from .extended_system import (
     has_multiplier,
     located,
     null_vectors,
+    unit_vector,
 )
 from .kind import (
     SUB,
@@ -156,9 +157,8 @@ class PD(Kind):
     def born(self, event: OrbitEvent) -> Start | None:
         here: Linearisation = event.point.evaluation
         problem, word = here.problem, here.problem.word
-        null = orient_vector(
-            np.linalg.svd(here.cyclic(-1.0)[:, :-1])[2][-1]
-        )  # of two equal branches
+        null = unit_vector(here.singular_vectors(here.cyclic(-1.0)[:, :-1])[1][-1])
+        null = orient_vector(null)  # of two equal branches
         if not word.walls:
             doubled = problem_of(problem.model, Word("", word.period * 2), problem.kernels)
             assert isinstance(doubled, QuietProblem)
@@ -210,7 +210,7 @@ def _bend(here: Linearisation) -> tuple[float, float]:
     As `null_vectors` orients psi and q, the numerator is continuous along a curve, also through R2.
     """
     problem, n = here.problem, here.problem.n
-    psi, q = null_vectors(here.cyclic(-1.0)[:, :n])
+    psi, q = null_vectors(here, -1.0)
     along = np.concatenate([q, np.zeros(problem.free)])
     mixed = problem.second_along(here.unknowns, along, -1.0)
     squared = problem.second_along(here.unknowns, along, -1.0, beside=-1.0)[:, :n] @ q

@@ -11,13 +11,12 @@ from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
 from typing import Any, TypeAlias
 
-import numpy as np
-
 from ..arrays import Array, Number
 from ..continuation.branch import Details
 from ..orbits.problem import OrbitProblem
 from ..segments.layout import SECTION
 from ..segments.segment import Arithmetic, evaluate_in
+from .extended_system import Crossing, SingularCycle
 
 Flight: TypeAlias = tuple[list[Any], list[Any], list[Any], list[Any]]
 """Residual, A, B and derivative by lambda of a flight, row by row."""
@@ -131,7 +130,7 @@ class Equations:
     def singular(self, z: Array, mu: float) -> System:
         """F = 0, C(mu) q = 0, l.q = 1."""
         n = self.problem.n
-        null = np.linalg.svd(self.problem.evaluate(z).cyclic(mu)[:, :-1])[2][-1].tolist()
+        null = SingularCycle(self.problem, mu).start(self.problem.evaluate(z)).tolist()
 
         def system(x: list[Any]) -> list[Any]:
             flights, q = self.flights(x[: n + 1]), x[n + 1 :]
@@ -166,7 +165,7 @@ class Equations:
     def branch_point(self, z: Array) -> System:
         """F + nu psi = 0, J' psi = 0, |psi| = 1."""
         n = self.problem.n
-        left = np.linalg.svd(self.problem.evaluate(z).jacobian)[0][:, -1].tolist()
+        left = Crossing(self.problem).start(self.problem.evaluate(z))[1:].tolist()
 
         def system(x: list[Any]) -> list[Any]:
             flights = self.flights(x[: n + 1])

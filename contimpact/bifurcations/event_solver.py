@@ -212,7 +212,7 @@ FUNCTIONS: dict[str, tuple[Callable[..., float], Callable[..., None]]] = {
     "reached": (evaluate_reached, bound_reached),
 }
 
-ARGUMENTS = "ii" + "ffff" + "FFF" + "ffffffff" + "fFifff" + "FFFFF" + "fff"
+ARGUMENTS = "ii" + "ffff" + "FFF" + "fffffffff" + "fFifff" + "FFFFF" + "fff"
 """Kinds of the entry's arguments: those of `SystemVectors`, `Search` and `ArcVectors`."""
 
 
@@ -363,7 +363,7 @@ class Solver:
         problem, size = self.problem, self.problem.n + 2 + self.own
         form = ScalarForm(self.variant)
         second = len(problem.model.values)
-        zeros = [vector([0.0] * size) for _ in range(7)]
+        zeros = [vector([0.0] * size) for _ in range(8)]
         search = Search(vector([0.0] * problem.n), *zeros)
         search.row[size - 1] = 1.0
         values, kernels = list(problem.model.values.values()), problem.kernels

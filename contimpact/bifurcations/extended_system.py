@@ -213,6 +213,16 @@ class ExtendedSystem(ABC):
         """Return natural sizes of the system's own unknowns, given those of the orbit's."""
         return np.ones(len(own))
 
+    def own_sizes(self, own: Array, sizes: Array) -> Array:
+        """Return sizes of the system's own unknowns as the equations see them, given those of the
+        orbit's."""
+        return np.abs(own)
+
+    def sizes(self, jacobian: Array, sizes: Array) -> Array:
+        """Return how far unknowns that move by their sizes move the equations, as powers of two."""
+        largest = np.max(np.abs(jacobian * sizes), axis=1)
+        return np.asarray(2.0 ** np.frexp(np.where(largest > 0.0, largest, 1.0))[1])
+
     def details(self, own: Array) -> Details:
         """Return what the system's own unknowns tell of where on the orbit it is."""
         return {}
@@ -282,20 +292,24 @@ def solve(system: ExtendedSystem, here: Linearisation, far: float = FAR) -> Solu
             at = SystemEvaluation(found.residual, found.jacobian)
             return Solution(system, found.here, found.own, at, found.error)
     problem, orbit = system.problem, len(here.unknowns)
-    near = surroundings(here, far)
+    sizes = problem.scale(here.unknowns, np.full(problem.free, np.inf))
+    near = surroundings(here, sizes, far)
     x, best = np.concatenate([here.unknowns, system.start(here)]), None
     try:
         at = system.assemble(here, x[orbit:])
+        own = system.own_sizes(x[orbit:], sizes[: problem.n])
+        moved = np.hstack([sizes[: problem.n], x[problem.n : orbit], own])
+        units = system.sizes(at.jacobian, moved)
         for _ in range(NEWTON_ITERATIONS):
-            size = float(np.max(np.abs(at.residual)))
+            size = float(np.max(np.abs(at.residual) / units))
             if not np.isfinite(size) or (
                 best is not None and size >= 0.5 * best[0] < 0.5 * CONVERGED
             ):
                 break
             if best is None or size > CHORD * best[0]:
-                jacobian = at.jacobian
+                jacobian = at.jacobian / units[:, None]
             best = (size, x, at, here)
-            x = x - np.linalg.solve(jacobian, at.residual)
+            x = x - np.linalg.solve(jacobian, at.residual / units)
             if not near(x[:orbit]):
                 break
             here = problem.evaluate(x[:orbit])
@@ -308,10 +322,10 @@ def solve(system: ExtendedSystem, here: Linearisation, far: float = FAR) -> Solu
     return Solution(system, here, x[orbit:], at)
 
 
-def surroundings(here: Linearisation, far: float = FAR) -> Callable[[Array], bool]:
-    """Return whether unknowns are those of an orbit like one."""
+def surroundings(here: Linearisation, sizes: Array, far: float = FAR) -> Callable[[Array], bool]:
+    """Return whether unknowns are those of an orbit like one, given their natural sizes."""
     problem, begin = here.problem, here.unknowns
-    sizes, span = problem.scale(begin, np.full(problem.free, np.inf)), problem.span(begin)
+    span = problem.span(begin)
 
     def near(unknowns: Array) -> bool:
         with np.errstate(invalid="ignore", over="ignore"):  # where they have diverged
@@ -376,15 +390,20 @@ def has_multiplier(event: OrbitEvent, target: float) -> bool:
     return bool(np.min(np.abs(multipliers - target)) < UNIT_CIRCLE)
 
 
-def null_vectors(matrix: Array) -> tuple[Array, Array]:
-    """Return the left and the right null vector of a matrix that lacks one rank.
+def null_vectors(here: Linearisation, mu: float) -> tuple[Array, Array]:
+    """Return the left and the right null vector of C(mu), which lacks one rank.
 
     They are oriented together: their product is a positive multiple of the adjugate, which does not
     vanish along a curve of such matrices.
     """
-    left, _, right = np.linalg.svd(matrix)
+    left, right = here.singular_vectors(here.cyclic(mu)[:, : here.problem.n])
     sign = np.sign(np.linalg.det(left) * np.linalg.det(right))
-    return sign * left[:, -1], right[-1]
+    return sign * unit_vector(left[-1]), unit_vector(right[-1])
+
+
+def unit_vector(vector: Array) -> Array:
+    """Return the vector of length one in the same direction."""
+    return np.asarray(vector / np.linalg.norm(vector))
 
 
 class SingularCycle(ExtendedSystem):
@@ -395,8 +414,11 @@ class SingularCycle(ExtendedSystem):
         self.mu, self.form = mu, ScalarForm("singular", mu=mu)
 
     def start(self, here: Linearisation) -> Array:
-        n = self.problem.n
-        return np.linalg.svd(here.cyclic(self.mu)[:, :n])[2][-1]
+        cycle = here.cyclic(self.mu)[:, : self.problem.n]
+        return unit_vector(here.singular_vectors(cycle)[1][-1])
+
+    def own_sizes(self, own: Array, sizes: Array) -> Array:
+        return np.max(np.abs(own) / sizes) * sizes
 
     def assemble(self, here: Linearisation, own: Array) -> SystemEvaluation:
         problem, n = self.problem, self.problem.n
@@ -441,8 +463,8 @@ class Crossing(ExtendedSystem):
     """Two branches cross, with respect to the first free parameter; nu measures how far from it."""
 
     def start(self, here: Linearisation) -> Array:
-        n = self.problem.n
-        return np.concatenate([[0.0], np.linalg.svd(here.jacobian[:, : n + 1])[0][:, -1]])
+        jacobian = here.jacobian[:, : self.problem.n + 1]
+        return np.concatenate([[0.0], unit_vector(here.singular_vectors(jacobian)[0][-1])])
 
     def assemble(self, here: Linearisation, own: Array) -> SystemEvaluation:
         problem, n = self.problem, self.problem.n
@@ -496,15 +518,17 @@ def crossing_near(
     sizes, _ = np.linalg.eigh(form_at(solution, scale)[0])
     if not sizes[0] < 0.0 < sizes[1]:
         return None
-    told = unfolding_of(solution)
+    told, residuals = unfolding_of(solution), solution.here.problem.residual_sizes(scale)
     own, other = abs(sizes[::-1] if told["nu"] > 0.0 else sizes).tolist()
-    return Meeting(solution.unknowns, told["nu"], told["nu_error"], (own, other))
+    unit = 1.0 / float(np.max(np.abs(solution.own[1:]) / residuals))
+    return Meeting(solution.unknowns, told["nu"], told["nu_error"], (own, other), unit)
 
 
 def form_at(solution: Solution, scale: Array) -> tuple[Array, Array]:
     """Return the form psi . F_zz on the null space of a crossing, and the null vectors in rows."""
     here, size = solution.here, len(solution.here.residual) + 1
-    null = np.linalg.svd(here.jacobian * scale)[2][-2:] * scale
+    rows = here.problem.residual_sizes(scale)
+    null = np.linalg.svd(here.jacobian * scale / rows[:, None])[2][-2:] * scale
     second = solution.at.jacobian[size - 1 : 2 * size - 1, :size]
     form = null @ second @ null.T
     return 0.5 * (form + form.T), null
@@ -625,6 +649,12 @@ class Arrival(ExtendedSystem):
         arrival, _, _, _ = bounds_of(self.segment, *self.ends(here, own), values)[1]
         return np.concatenate([rounding(here).residual, arrival])
 
+    def sizes(self, jacobian: Array, sizes: Array) -> Array:
+        found, n, m = super().sizes(jacobian, sizes), self.problem.n, self.problem.m
+        least = found[:n].reshape(-1, m).min(axis=0)  # where the flight vanishes, so do its blocks
+        found[n:] = np.maximum(found[n:], least)
+        return found
+
     def arrival(self, here: Linearisation, own: Array) -> tuple[Array, Array, Array, Array]:
         """Return residual and derivatives of the flight."""
         m, values = self.problem.m, self.problem.values(here.unknowns)
@@ -670,6 +700,9 @@ class TouchingFlight(Arrival):
         others = super().scale(own, sizes)
         others[0] = sizes[0]
         return others
+
+    def own_sizes(self, own: Array, sizes: Array) -> Array:
+        return np.append(sizes[0], np.abs(own[1:]))
 
     def details(self, own: Array) -> Details:
         return {"touch_time": float(own[0])}

@@ -68,8 +68,8 @@ class Cusp(CurveTest):
     changes = "a cusp: two folds meet and end"
 
     def of(self, here: CurvePoint) -> float:
-        orbit, n = here.orbit, here.orbit.problem.n
-        psi, q = null_vectors(orbit.cyclic(1.0)[:, :n])
+        orbit = here.orbit
+        psi, q = null_vectors(orbit, 1.0)
         psi = psi * np.sign(q @ here.own)
         along = np.concatenate([here.own, np.zeros(orbit.problem.free)])
         return psi @ orbit.problem.second_along(orbit.unknowns, along) @ along

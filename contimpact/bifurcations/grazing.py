@@ -339,8 +339,10 @@ def _is_slow(here: Linearisation, impact: int) -> bool:
     problem = here.problem
     if not problem.word.walls:
         return False
-    velocity = problem.impacts(here.unknowns)[impact % len(problem.word), 1]
-    return bool(abs(velocity) < AT_END * problem.scale(here.unknowns, 1.0)[1])
+    impact %= len(problem.word)
+    velocity = problem.impacts(here.unknowns)[impact, 1]
+    size = problem.scale(here.unknowns, 1.0)[problem.m * impact + 1]
+    return bool(abs(velocity) < AT_END * size)
 
 
 # Touches.
@@ -437,8 +439,9 @@ def _sliding_criticality(event: OrbitEvent, start: Start) -> str | None:
 def _bend_criticality(event: OrbitEvent, start: Start) -> str:
     """The criticality where the parameter rests along the new branch."""
     problem = start.problem
-    jacobian = problem.evaluate(start.unknowns).jacobian
-    left = np.linalg.svd(jacobian[:, : problem.n])[0][:, -1]
+    here = problem.evaluate(start.unknowns)
+    jacobian = here.jacobian
+    left = here.singular_vectors(jacobian[:, : problem.n])[0][-1]
     bent = problem.second_along(start.unknowns, start.tangent) @ start.tangent
     bend = -float(left @ bent) / float(left @ jacobian[:, -1])
     return SUB if (_gap_slope(event) > 0.0) == (bend > 0.0) else SUPER

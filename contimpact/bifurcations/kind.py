@@ -21,7 +21,12 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..continuation.branch import Details, EndKind, Evaluation, Event, Point, TestFunction
-from ..continuation.corrector import border_jacobian, first_tangent, scaled_determinant
+from ..continuation.corrector import (
+    border_jacobian,
+    first_tangent,
+    orient_vector,
+    scaled_determinant,
+)
 from ..models.word import Word, repetitions
 from ..orbits.problem import Linearisation, OrbitProblem, rounding
 from ..orbits.quiet import problem_of
@@ -74,9 +79,11 @@ class Start:
 
 def null_vector_start(problem: OrbitProblem, unknowns: Array) -> Start | None:
     """Return the start along the null vector of the Jacobian; None where it is not regular."""
-    jacobian = problem.evaluate(unknowns).jacobian
-    tangent = first_tangent(jacobian, np.ones(len(unknowns)))
-    return None if tangent is None else Start(problem, unknowns, tangent, False, True)
+    here = problem.evaluate(unknowns)
+    tangent = first_tangent(problem, here.jacobian, here.sizes[1])
+    return (
+        None if tangent is None else Start(problem, unknowns, orient_vector(tangent), False, True)
+    )
 
 
 def rate_error(start: Start) -> float:

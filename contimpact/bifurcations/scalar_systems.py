@@ -426,8 +426,44 @@ class Search(NamedTuple):
     """The border: the parameter on which nothing depends."""
     step: Vector
     off: Vector
+    units: Vector
     told: Vector
-    """`step`, `off`, `told`: Newton's step, bounds of the residuals' errors, and see `SIZE`."""
+    """`step`, `off`, `units`, `told`: Newton's step, bounds of the residuals' errors, sizes of the
+    residuals, and see `SIZE`."""
+
+
+def size_equations(system: SystemVectors, search: Search) -> None:
+    """Fill in how far unknowns that move by their sizes move the equations."""
+    z, sizes = search.z, search.sizes
+    orbit, far = len(sizes), 0.0
+    if system.counts[VARIANT] == 0:  # a direction of the orbit's unknowns, as long as it is
+        for j in range(orbit):
+            far = max(far, abs(z[orbit + 1 + j]) / sizes[j])
+    for i in range(len(system.residual)):
+        row, largest = system.jacobian[i], 0.0
+        for j in range(len(z)):
+            size = sizes[j] if j < orbit else abs(z[j])
+            if orbit < j <= 2 * orbit and far > 0.0:
+                size = far * sizes[j - orbit - 1]
+            if j == orbit + 1 and system.counts[VARIANT] == 1:  # the time of a touch
+                size = sizes[0]
+            largest = max(largest, abs(row[j]) * size)
+        search.units[i] = largest if largest > 0.0 else 1.0
+    if system.counts[VARIANT] == 1:  # where the flight to a touch vanishes, so do its blocks
+        n = 2 * len(system.kinds)
+        for half in range(2):
+            least = math.inf
+            for k in range(len(system.kinds)):
+                least = min(least, search.units[2 * k + half])
+            search.units[n + half] = max(search.units[n + half], least)
+
+
+def relative_size(system: SystemVectors, search: Search) -> float:
+    """Return the largest residual beside its size."""
+    size = 0.0
+    for i in range(len(system.residual)):
+        size = max(size, abs(system.residual[i]) / search.units[i])
+    return size
 
 
 SOLVED, FAILED, AWAY = range(3)
@@ -448,7 +484,12 @@ def solve_system(
         size, longest = evaluate(system, z), abs(system.numbers[SPAN])
         told[EVALUATED] += 1.0
         at_best = False
-        if not size < math.inf or (found and size >= 0.5 * least and least < CONVERGED):
+        if not size < math.inf:
+            break
+        if not found:
+            size_equations(system, search)
+        size = relative_size(system, search)
+        if found and size >= 0.5 * least and least < CONVERGED:
             break
         if not found:
             span = longest
@@ -457,7 +498,8 @@ def solve_system(
         least, found, at_best, largest_unknown = size, True, True, 0.0
         for i in range(n):
             best[i] = z[i]
-            largest_unknown = max(largest_unknown, abs(z[i]))
+            if i < orbit:
+                largest_unknown = max(largest_unknown, abs(z[i]) / search.sizes[i])
         if not newton_step(system, search.row, 0.0, step):
             return FAILED
         if size <= SETTLED * EPSILON * largest_unknown:
@@ -472,12 +514,12 @@ def solve_system(
                 away += part * part
         if not away < far * far:
             return AWAY
-    told[SIZE] = least
     if not (found and least < CONVERGED):
         return FAILED
     if not at_best:
         evaluate(system, best)
         told[EVALUATED] += 1.0
+    told[SIZE] = largest(system.residual)
     bound(system, best, search.off)
     if solve_transposed(system, search.row, orbit, step) != 0.0:
         error = 0.0

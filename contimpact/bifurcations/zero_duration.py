@@ -184,7 +184,7 @@ def _exchange_word(event: OrbitEvent) -> Word | None:
     """The word beyond, if impacts exchange their order."""
     here, flight = event.point.evaluation, event.details["flight"]
     problem, unknowns = here.problem, here.unknowns
-    tangent = first_tangent(here.jacobian, np.ones(len(unknowns)))
+    tangent = first_tangent(problem, here.jacobian, here.sizes[1])
     if tangent is None:
         return None
     gradient = ZeroDuration(problem).gradient

@@ -145,9 +145,17 @@ def orient_vector(vector: Array) -> Array:
     return -vector if leading < 0.0 else vector
 
 
-def first_tangent(jacobian: Array, scale: Array) -> Array | None:
+def residual_sizes(problem: Problem, scale: Array) -> Array:
+    """Return natural sizes of the residuals, given those of the unknowns: as the problem does, or
+    ones."""
+    own: Callable[[Array], Array] | None = getattr(problem, "residual_sizes", None)
+    return np.ones(len(scale) - 1) if own is None else own(scale)
+
+
+def first_tangent(problem: Problem, jacobian: Array, scale: Array) -> Array | None:
     """Return the Jacobian's unit null vector as `orient_vector` has it, None if there are two."""
-    _, sizes, vectors = np.linalg.svd(jacobian * scale)
+    units = residual_sizes(problem, scale)
+    _, sizes, vectors = np.linalg.svd(jacobian * scale / units[:, None])
     if sizes[-1] <= 1e-10 * sizes[0]:
         return None
     return scale * orient_vector(vectors[-1])
@@ -200,17 +208,17 @@ def point_after(
 class DenseSystem:
     """Any problem in the form in which `newton` and `take_steps` ask for it."""
 
-    def __init__(self, problem: Problem) -> None:
-        self.problem = problem
+    def __init__(self, problem: Problem, scale: Array) -> None:
+        self.problem, self.units = problem, residual_sizes(problem, scale)
         self.here: Evaluation | None = None
 
     def evaluate(self, z: list[float]) -> float:
-        """Evaluate; returns the largest residual, NaN where F has no value."""
+        """Evaluate; returns the largest residual in natural units, NaN where F has no value."""
         try:
             self.here = self.problem.evaluate(np.array(z))
         except (ArithmeticError, ValueError):
             return math.nan
-        return float(np.max(np.abs(self.here.residual)))
+        return float(np.max(np.abs(self.here.residual) / self.units))
 
     def solve(self, row: list[float], g: float, out: list[float]) -> bool:
         """Fill `out` with the solution of the bordered system; whether there is one."""
@@ -370,7 +378,7 @@ def correct(
 ) -> Correction:
     """Solve F(z) = 0, row . (z - guess) = 0 by Newton's method; see `newton`."""
     row = row / np.linalg.norm(row * scale)
-    system, z = DenseSystem(problem), [0.0] * len(guess)
+    system, z = DenseSystem(problem, scale), [0.0] * len(guess)
     vectors = z, guess.tolist(), row.tolist(), scale.tolist(), [0.0] * len(z)
     most = settings.max_iterations
     status, iterations, first = newton(
@@ -438,7 +446,7 @@ def first_point(
     if here is None:
         return Start(None, iterations, result.reason)
     if tangent is None:
-        tangent = first_tangent(here.jacobian, scale)
+        tangent = first_tangent(problem, here.jacobian, scale)
         if tangent is None:
             unknown = Point(here, fixed, 0.0, 0.0, iterations)
             return Start(unknown, iterations, "two directions leave the first point")

@@ -56,6 +56,8 @@ class Meeting:
     """`nu`, `nu_error`: what unfolds the crossing, and its estimated error."""
     sizes: tuple[float, float]
     """The eigenvalues' absolute values, in the metric."""
+    unit: float
+    """The nu whose residual has its natural size."""
 
     @property
     def distance(self) -> float:
@@ -68,7 +70,7 @@ class Meeting:
 
     def blurred(self, settings: Settings) -> float:
         """How near to the meeting the residual of a point hides which branch it is on."""
-        return self.apart(max(settings.tolerance, abs(self.nu)))
+        return self.apart(max(settings.tolerance * self.unit, abs(self.nu)))
 
     @property
     def hidden(self) -> float:
@@ -245,7 +247,8 @@ class MeetingRecord:
         else:
             sharp, shortest = SHARP * abs(near.nu), SHORT * min(near.radius, near.distance)
             shortest = min(shortest, settings.min_step)
-        return replace(settings, tolerance=min(settings.tolerance, sharp), min_step=shortest)
+        sharpest = min(settings.tolerance, sharp / near.unit)
+        return replace(settings, tolerance=sharpest, min_step=shortest)
 
     def notes(self, parameter: str) -> list[str]:
         """What a user reads of them."""

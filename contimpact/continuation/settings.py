@@ -16,7 +16,7 @@ PREDICTORS = ("tangent", "secant")
 class Settings:
     """Numerics of a walk; lengths are in the branch's metric."""
 
-    tolerance: float = key(1e-12, "largest residual a point may have", above=0, most=1e-3)
+    tolerance: float = key(1e-12, "largest relative residual of a point", above=0, most=1e-3)
     max_iterations: int = key(8, "corrector iterations before a step is refused", most=1000)
     step: float = key(0.01, "first step", above=0)
     min_step: float = key(1e-7, "smallest step", above=0)

@@ -9,6 +9,7 @@ that may close a loop, is proposed to the walker, which decides.
 from __future__ import annotations
 
 import enum
+import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -129,11 +130,11 @@ walk or one on a limit of its range; see `take_point`."""
     STEP,
     ARCLENGTH,
     BEHIND,
-    ORIENTATION,
     FARTHER,
+    ORIENTATION,
     EARLIER,
-    POINTS,
     EARLIEST,
+    POINTS,
     NEXT_STEP,
     CORRECTION,
     TURNED,
@@ -160,10 +161,10 @@ has not; the start may lie on it."""
 LITTLE = 0.25
 """Part of the orientation that is left where it is about to vanish."""
 
-HEAD = 3
 EVENLY = 0.05
 """How well one factor describes how the orientation changes along an arc, or from step to step."""
 
+HEAD = 3
 """Numbers of a row between unknowns and tangent and what `observe` records: orientation, arclength
 and iterations."""
 
@@ -654,18 +655,19 @@ class DenseBackend(Backend):
     """A problem as steps ask for it, with test functions asked of its points."""
 
     def __init__(self, problem: Problem) -> None:
-        self.system = DenseSystem(problem)
+        self.problem = problem
 
     def advance(self, position: Position, most: int) -> Batch:
         """Take one step."""
         functions = DenseSystem.evaluate, DenseSystem.solve
         asked_besides = DenseSystem.tangent_at, DenseSystem.observe
-        vectors = position.vectors(0, 1)
-        made = take_steps(*functions, *asked_besides, self.system, tuple(vectors))
-        return batch_of(position, self.system.problem, vectors, made, self.point)
+        system, vectors = DenseSystem(self.problem, position.scale), position.vectors(0, 1)
+        made = take_steps(*functions, *asked_besides, system, tuple(vectors))
+        piece = functools.partial(self.point, system)
+        return batch_of(position, self.problem, vectors, made, piece)
 
-    def point(self, rows: Array) -> Point:
+    def point(self, system: DenseSystem, rows: Array) -> Point:
         """The point last evaluated, which is that of the only row."""
         _, tangents, *head, _ = columns(rows, (rows.shape[1] - HEAD) // 2)
         orientation, arclength, iterations = (float(column[0]) for column in head)
-        return Point(self.system.here, tangents[0], orientation, arclength, int(iterations))
+        return Point(system.here, tangents[0], orientation, arclength, int(iterations))

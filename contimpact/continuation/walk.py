@@ -37,6 +37,7 @@ from .corrector import (
     inner_product,
     length,
     point_after,
+    residual_sizes,
     signs_on_leaving,
     test_values_at_start,
 )
@@ -527,7 +528,8 @@ class _Walker:
         wanted = self.numerics(here)
         if wanted is self.settings or len(self.points) < 2:
             return here
-        if np.max(np.abs(here.evaluation.residual)) <= wanted.tolerance:
+        units = residual_sizes(self.problem, self.scale)
+        if np.max(np.abs(here.evaluation.residual) / units) <= wanted.tolerance:
             return here
         found = correct(
             self.problem, here.unknowns, here.tangent / self.scale**2, self.scale, wanted

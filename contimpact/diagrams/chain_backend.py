@@ -59,7 +59,7 @@ class ChainBackend(OrbitBackend[ChainVectors]):
     """
 
     ARGUMENTS = (
-        "iiiiii" + "ffff" + "i" + "fff" + "FFFF" + "fffff" + "FF" + "ffffff" + "ff" + "ffff" + "FF"
+        "iiiiii" + "ffff" + "i" + "fff" + "FFFF" + "ffffff" + "FF" + "ffffff" + "ff" + "ffff" + "FF"
     )
 
     def __init__(self, problem: OrbitProblem, gaps: bool, doubling: bool) -> None:

@@ -206,7 +206,7 @@ def crossing(problem: Problem[CurvePoint], guess: Point, scale: Array) -> Meetin
     away = (found.unknowns - guess.unknowns) / scale
     if float(np.linalg.norm(away)) > NEAR:
         return None
-    return Meeting(found.unknowns, 0.0, ROUNDING, (1.0, 1.0))
+    return Meeting(found.unknowns, 0.0, ROUNDING, (1.0, 1.0), 1.0)
 
 
 def solve_repetition(here: CurvePoint) -> Location | None:

@@ -249,7 +249,7 @@ def _points_beside(start: CurveStart, ranges: Sequence[Bounds]) -> Iterator[Curv
     middle = curve.packed(here.unknowns, own)
     scale = curve.scale(middle, last - first)
     if start.leaves is None:
-        tangent = first_tangent(curve.evaluate(middle).jacobian, scale)
+        tangent = first_tangent(curve, curve.evaluate(middle).jacobian, scale)
     else:
         tangent = curve.packed(*start.leaves(system, own))
     if tangent is None:

@@ -131,7 +131,7 @@ def _orbit_beside(problem: OrbitProblem, unknowns: Array, scene: Scene, limits: 
     jacobian = problem.evaluate(unknowns).jacobian
     settings = dataclasses.replace(scene.settings, max_points=2)
     scale = problem.scale(unknowns, limits[1] - limits[0])
-    tangent = first_tangent(jacobian, scale)
+    tangent = first_tangent(problem, jacobian, scale)
     if tangent is None:
         return unknowns
     for direction in (+1, -1):
@@ -519,7 +519,7 @@ def _nearby_orbit(problem: OrbitProblem, guess: Array, limits: Range) -> Array |
     """The orbit of the branch next to a guess, at a fold too; None if there is none."""
     try:
         scale = problem.scale(guess, limits[1] - limits[0])
-        tangent = first_tangent(problem.evaluate(guess).jacobian, scale)
+        tangent = first_tangent(problem, problem.evaluate(guess).jacobian, scale)
         if tangent is None:
             return None
         here = correct(problem, guess, tangent / scale**2, scale, Settings()).evaluation

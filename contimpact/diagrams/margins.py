@@ -508,7 +508,8 @@ def _minimise(
     system: ExtendedSystem, here: Linearisation, center: Array, units: Array, near: float
 ) -> Solution | None:
     """Return the solution of a system nearest to parameters; None if the search does not settle."""
-    own, is_near = system.start(here), surroundings(here)
+    sizes = system.problem.scale(here.unknowns, np.inf)
+    own, is_near = system.start(here), surroundings(here, sizes)
     found = nearest_point(system.problem, system.assemble, here, own, center, units, near, is_near)
     return None if found is None else Solution(system, *found)
 

@@ -161,6 +161,7 @@ class OrbitBackend(ABC, Generic[V]):
             "sides": vector([float(wall.side) for wall in problem.model.WALLS]),
             "fixed": table(1, POSITIONS + len(self.setup.walls) + len(self.setup.derived)),
             "clock": vector([0.0] * (GROWN + 1)),
+            "units": vector([1.0] * problem.n),
             "durations": vector([0.0] * count),
             "gaps": vector([0.0] * count * walls),
             "times": vector([0.0] * count * walls),
@@ -220,11 +221,14 @@ class OrbitBackend(ABC, Generic[V]):
 
     def steps(self, position: Position, most: int, fast: CompiledProgram | None) -> Batch:
         """Take them by compiled code, or plainly."""
+        units = self.problem.residual_sizes(position.scale)
         if fast:
             vectors, known = self.step_arrays(position, most)
+            self.arrays.units[:] = units
             made = fast(known=known)
         else:
             vectors = position.vectors(self.recorded, most, LISTS)
+            self.lists.units[:] = units.tolist()
             with timed_plainly(self.program):
                 made = take_steps(*self.functions, self.lists, tuple(vectors))
         flights = int(vectors.state[EVALUATIONS]) * self.count
@@ -288,7 +292,7 @@ class CycleBackend(OrbitBackend[OrbitVectors]):
     def dear(self) -> bool:
         return self.variant == "path"
 
-    ARGUMENTS = "iiiii" + "ffff" + "FFFF" + "fF" + "ffff" + "ff" + "ffff" + "FF"
+    ARGUMENTS = "iiiii" + "ffff" + "FFFF" + "fF" + "fffff" + "ff" + "ffff" + "FF"
 
     @functools.cached_property
     def zeros(self) -> list[float] | None:

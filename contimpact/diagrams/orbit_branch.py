@@ -179,7 +179,7 @@ def symmetric(
     image = rotate_to_word(*mirror_orbit(problem, unknowns, symmetry), problem.word)
     if image is None:
         return False
-    return bool(np.max(np.abs(problem.difference(image, unknowns))) < tolerance)
+    return problem.apart(image, unknowns) < tolerance
 
 
 def mirrors_back(
@@ -188,11 +188,11 @@ def mirrors_back(
     """Whether the mirror image of a branch leaves its start as the branch itself, backwards."""
     if symmetry is None or not problem.word.walls:
         return False
-    along = 1e-4 * tangent / np.max(np.abs(tangent))
+    along = 1e-4 * tangent / np.max(np.abs(tangent / problem.natural_units(unknowns)))
     image = rotate_to_word(*mirror_orbit(problem, unknowns + along, symmetry), problem.word)
     if image is None:
         return False
-    return bool(np.max(np.abs(problem.difference(image, unknowns - along))) < 1e-8)
+    return problem.apart(image, unknowns - along) < 1e-8
 
 
 def mirror_end(name: str, point: Point) -> End:
@@ -585,10 +585,7 @@ class Run:
 
     def _same(self, here: Evaluation | None, unknowns: Array) -> bool:
         """Whether a solution, if there is one, is an orbit."""
-        if here is None:
-            return False
-        apart = self.problem.difference(here.unknowns, unknowns)
-        return bool(np.max(np.abs(apart)) < SAME_SOLUTION)
+        return here is not None and self.problem.apart(here.unknowns, unknowns) < SAME_SOLUTION
 
 
 def walk_both_ways(

@@ -12,7 +12,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..arrays import Table, Vector
 from ..continuation.step import take_steps
-from ..orbits.block_cyclic import POSITIONS, UNRESOLVED, assemble, eliminate, solve
+from ..orbits.block_cyclic import (
+    POSITIONS,
+    UNRESOLVED,
+    assemble,
+    eliminate,
+    largest_residual,
+    solve,
+)
 from ..orbits.status import (
     doubling_by_elimination,
     multipliers_by_elimination,
@@ -69,6 +76,8 @@ class OrbitVectors(NamedTuple):
     compiled code has not found the zeros of the acceleration, `GROWN` by those that are long."""
     steps: Table
     """Scratch space for `segments.oscillation`."""
+    units: Vector
+    """Natural sizes of the residuals."""
     durations: Vector
     gaps: Vector
     times: Vector
@@ -80,10 +89,11 @@ class OrbitVectors(NamedTuple):
 def evaluate_cycle(
     flight: Callable[..., Blocks], setup: Callable[[Vector], Setup], orbit: OrbitVectors, z: Vector
 ) -> float:
-    """Evaluate the flights of an orbit; returns the largest residual."""
+    """Evaluate the flights of an orbit; returns the largest residual in natural units."""
     periods, place, values = orbit.counts[PERIODS], orbit.counts[FREE], orbit.values
     blocks, clock, fixed = orbit.blocks, orbit.clock, orbit.fixed
-    return assemble(flight, setup, orbit.kinds, periods, place, values, blocks, clock, fixed, z)
+    assemble(flight, setup, orbit.kinds, periods, place, values, blocks, clock, fixed, z)
+    return largest_residual(blocks, orbit.units)
 
 
 def newton_step(orbit: OrbitVectors, row: Vector, g: float, out: Vector) -> bool:

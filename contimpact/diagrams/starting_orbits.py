@@ -245,7 +245,7 @@ def _same_orbit(one: Orbit, other: Orbit) -> bool:
     turned = turn_to_word(one, other.word)
     if turned is None:
         return False
-    return bool(np.max(np.abs(other.problem.difference(turned, other.unknowns))) < SAME_ORBIT)
+    return other.problem.apart(turned, other.unknowns) < SAME_ORBIT
 
 
 def turn_to_word(orbit: Orbit, word: Word) -> Array | None:

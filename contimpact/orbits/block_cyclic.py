@@ -79,7 +79,7 @@ def assemble(
     ``setup(values)`` the `segments.layout.Setup`; the free parameter has a `place` among the values
     and is set from z. Filled in are `blocks`, a row per flight; `clock`, the orbit's period and its
     derivative by the free parameter; and in `fixed` the forcing period, positions of the walls and
-    derived parameters. Returns the largest residual.
+    derived parameters. Returns the sum of all residuals' sizes.
     """
     last = len(kinds) - 1
     values[place] = z[2 * last + 2]
@@ -87,22 +87,34 @@ def assemble(
     store(fixed, 0, (period,) + positions + derived)  # noqa: RUF005
     span, drift = periods * period, periods * slopes[0]
     clock[0], clock[1] = span, drift
-    size, total = 0.0, 0.0
+    total = 0.0
     for k in range(last):
         i = 2 * k
         rows, start, end, free = flight(kinds[k], z[i], z[i + 1], z[i + 2], z[i + 3], values)
         store(blocks, k, rows + start + end + free)
-        one, other = abs(rows[0]), abs(rows[1])
-        size = max(size, one, other)
-        total += one + other
+        total += abs(rows[0]) + abs(rows[1])
     i = 2 * last
     rows, start, end, free = flight(kinds[last], z[i], z[i + 1], z[0] + span, z[1], values)
     # the arrival at t_1 + pT moves with T(lambda)
     free = (free[0] + drift * end[0], free[1] + drift * end[2])
     store(blocks, last, rows + start + end + free)
-    one, other = abs(rows[0]), abs(rows[1])
-    total += one + other  # a maximum may lose what is not a number, a sum does not
-    return max(size, one, other) if total - total == 0.0 else math.nan
+    return total + abs(rows[0]) + abs(rows[1])
+
+
+def largest_residual(blocks: Table, units: Vector) -> float:
+    """Return the largest residual of all flights, given the natural sizes of all.
+
+    NaN where a residual is not a number, which a maximum may lose and a sum does not.
+    """
+    size, total, count = 0.0, 0.0, len(blocks)
+    m = len(units) // count
+    for k in range(count):
+        row = blocks[k]
+        for i in range(m):
+            part = abs(row[i]) / units[m * k + i]
+            size = max(size, part)
+            total += part
+    return size if total - total == 0.0 else math.nan
 
 
 def notice_growth(blocks: Table, count: int, m: int, timed: bool, clock: Vector) -> None:

@@ -29,7 +29,7 @@ from ..segments.oscillation import (
     motion_of_gap,
     speed_at_end,
 )
-from .block_cyclic import POSITIONS, arrival_rate, store
+from .block_cyclic import POSITIONS, arrival_rate, largest_residual, store
 from .quiet import AGAIN, BEYOND
 from .status import scale_determinant, verdict
 
@@ -57,8 +57,8 @@ def assemble(
     clock: Vector,
     fixed: Table,
     z: Vector,
-) -> float:
-    """Evaluate every flight of a cycle at the unknowns z; returns the largest residual.
+) -> None:
+    """Evaluate every flight of a cycle at the unknowns z.
 
     As `block_cyclic.assemble` with m unknowns per impact: ``flight(kind, ends, values)`` takes the
     2m unknowns at its ends, for which `ends` is scratch space. With no `periods`, the orbit's is
@@ -71,7 +71,6 @@ def assemble(
     store(fixed, 0, (period,) + positions + derived)  # noqa: RUF005
     span, drift = periods * period if periods > 0 else -z[0], periods * slopes[0]
     clock[0], clock[1] = span, drift
-    size, total = 0.0, 0.0
     for k in range(count):
         for i in range(m):
             ends[i] = z[m * k + i]
@@ -80,10 +79,6 @@ def assemble(
             ends[m] += span
         rows, start, end, free = flight(kinds[k], ends, values)
         store(blocks, k, rows + start + end + free)
-        for i in range(m):
-            size = max(size, abs(rows[i]))
-            total += abs(rows[i])  # a maximum may lose what is not a number, a sum does not
-    return size if total - total == 0.0 else math.nan
 
 
 def parameter_derivative(row: Vector, i: int, m: int, drift: float, last: bool) -> float:
@@ -305,13 +300,15 @@ def row_norms(
 ) -> float:
     """Return the logarithm of the product of the rows' norms in the cyclic matrix.
 
-    The last coupling is multiplied by mu, columns by the sizes in `scale`, m of them, and that of
-    lambda by `free`; zero leaves it out. Where the period is free, the matrix is the Jacobian for a
-    positive mu, and that of the multipliers for a negative one.
+    The last coupling is multiplied by mu, the column of lambda by `free`, and the others by the
+    sizes in `scale`; with a `free` of zero, lambda and the sizes are left out. Where the period is
+    free, the matrix is the Jacobian for a positive mu, and that of the multipliers for a negative
+    one.
     """
     logarithm, size = 0.0, m * m
     for k in range(count):
-        b = blocks[k]
+        b, here = blocks[k], m * k
+        there = here + m if k + 1 < count else 0
         for i in range(m):
             total = free * parameter_derivative(b, i, m, drift, k + 1 == count)
             total *= total
@@ -322,7 +319,8 @@ def row_norms(
                     one = 0.0 if mu < 0.0 and k == 0 else one
                 if count == 1:
                     one, other = one + mu * other, 0.0
-                one, other = one * scale[j], other * scale[j]
+                if free > 0.0:
+                    one, other = one * scale[here + j], other * scale[there + j]
                 total += one * one + other * other
             if not total > 0.0:
                 return -math.inf
@@ -388,6 +386,7 @@ class ChainVectors(NamedTuple):
     work: Table
     fixed: Table
     clock: Vector
+    units: Vector
     durations: Vector
     gaps: Vector
     times: Vector
@@ -414,14 +413,13 @@ def evaluate_chain(
     orbit: ChainVectors,
     z: Vector,
 ) -> float:
-    """Evaluate the flights of an orbit; returns the largest residual."""
+    """Evaluate the flights of an orbit; returns the largest residual in natural units."""
     counts = orbit.counts
     periods, place, m = counts[PERIODS], counts[FREE], counts[UNKNOWNS]
     values, ends, blocks = orbit.values, orbit.ends, orbit.blocks
     clock, fixed = orbit.clock, orbit.fixed
-    return assemble(
-        flight, setup, orbit.kinds, periods, place, m, values, ends, blocks, clock, fixed, z
-    )
+    assemble(flight, setup, orbit.kinds, periods, place, m, values, ends, blocks, clock, fixed, z)
+    return largest_residual(blocks, orbit.units)
 
 
 def eliminate_chain(orbit: ChainVectors, right: float, exact: bool, z: Vector) -> None:
@@ -454,10 +452,9 @@ def tangent_of_chain(
     size = math.sqrt(size)
     if not (abs(det) > 0.0 and size > 0.0 and size - size == 0.0):
         return math.nan
-    sizes = math.log(scale[n])
-    for i in range(m):
-        sizes += count * math.log(scale[i])
+    sizes = 0.0
     for i in range(n + 1):
+        sizes += math.log(scale[i])
         out[i] /= size
     norms = row_norms(orbit.blocks, count, m, free, orbit.clock[1], 1.0, scale, scale[n])
     at = 2 * m * m + 2 * m
@@ -497,8 +494,6 @@ def observe_chain(
     row[at], row[at + 1] = clock[0], math.nan
     if counts[DOUBLING] != 0:
         det, place = doubling(orbit.reduced, orbit.work, m, free), 2 * m * m + 2 * m
-        for i in range(m):
-            orbit.ends[i] = 1.0
         norms = row_norms(orbit.blocks, count, m, free, clock[1], -1.0, orbit.ends, 0.0)
         sign, logarithm = orbit.reduced[place], orbit.reduced[place + 1]
         row[at + 1] = scale_determinant(sign, logarithm, det, norms)
@@ -557,19 +552,15 @@ def evaluate_section(
     ``flight(z, values)`` takes the unknowns; ``spans(z, period)`` returns the orbit's period, and
     that of what repeats itself, from the forcing's.
     """
-    m, values = orbit.counts[UNKNOWNS], orbit.values
-    values[orbit.counts[FREE]] = z[m]
+    values = orbit.values
+    values[orbit.counts[FREE]] = z[orbit.counts[UNKNOWNS]]
     forced, _, _, positions, derived, _ = setup(values)
     store(orbit.fixed, 0, (forced,) + positions + derived)  # noqa: RUF005
     span, period = spans(z, forced)
     orbit.clock[0], orbit.clock[1], orbit.durations[0] = span, 0.0, span + BEYOND * period
     rows, start, end, free = flight(z, values)
     store(orbit.blocks, 0, rows + start + end + free)
-    size, total = 0.0, 0.0
-    for i in range(m):
-        size = max(size, abs(rows[i]))
-        total += abs(rows[i])
-    return size if total - total == 0.0 else math.nan
+    return largest_residual(orbit.blocks, orbit.units)
 
 
 def measure_section(follow: Follow, orbit: ChainVectors, z: Vector, row: Vector, at: int) -> bool:

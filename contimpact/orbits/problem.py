@@ -41,7 +41,7 @@ from ..segments.bounded import UNIT, BoundedNumber, bounds_of, bounds_of_kernel
 from ..segments.flight import FlightGaps, flight_gaps
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION, CombinedBlocks, Setup
-from ..segments.segment import ARRAYS, MEETING, evaluate_in
+from ..segments.segment import ARRAYS, ELSEWHERE, MEETING, evaluate_in
 from ..segments.touches import flights_are_apart, interior_touches
 from ..segments.track import integrated_track, track_of
 from .status import (
@@ -287,6 +287,24 @@ class Linearisation:
         return self.problem.cyclic(self.start.ravel(), end)
 
     @functools.cached_property
+    def sizes(self) -> tuple[Array, Array]:
+        """Natural sizes of residuals and unknowns; those of parameters move residuals by theirs."""
+        problem = self.problem
+        unknowns = problem.scale(self.unknowns, np.ones(problem.free))
+        residuals = problem.residual_sizes(unknowns)
+        moved = np.max(np.abs(self.by_parameter) / residuals[:, None], axis=0)
+        unknowns[problem.n :] = 1.0 / np.where(moved > 0.0, moved, 1.0)
+        return residuals, unknowns
+
+    def singular_vectors(self, matrix: Array) -> tuple[Array, Array]:
+        """Return the left and the right singular vectors, in rows, of the Jacobian or a cyclic
+        matrix in natural units; those of the smallest singular value are last."""
+        rows, columns = self.sizes
+        columns = columns[: matrix.shape[1]]
+        left, _, right = np.linalg.svd(matrix * columns / rows[:, None])
+        return left.T / rows, right * columns
+
+    @functools.cached_property
     def stability(self) -> Stability:
         """Multipliers, their products, and the determinant of a period doubling.
 
@@ -395,9 +413,9 @@ class Linearisation:
     def resting(self) -> list[int]:
         """The impacts whose velocity is rounding beside the speeds along the flights."""
         problem = self.problem
-        speed = float(problem.scale(self.unknowns, 1.0)[1])
+        speeds = problem.scale(self.unknowns, 1.0)[1 : problem.n : problem.m]
         velocities = problem.impacts(self.unknowns)[: len(problem.word), 1]
-        return np.nonzero(np.abs(velocities) < AT_REST * speed)[0].tolist()
+        return np.nonzero(np.abs(velocities) < AT_REST * speeds)[0].tolist()
 
     @functools.cached_property
     def findings(self) -> Sequence[float]:
@@ -507,8 +525,9 @@ class OrbitProblem:
     autonomous : bool
         Whether the period is an unknown.
     paired : bool
-        Whether a time and a velocity for each impact are all that is unknown: `block_cyclic` solves
-        such equations, and `cyclic_chain` any.
+        Whether a time and a velocity for each impact are all that is unknown, and the position is
+        the gap coordinate of all guards: `block_cyclic` solves such equations, and `cyclic_chain`
+        any.
     """
 
     autonomous = False
@@ -524,12 +543,32 @@ class OrbitProblem:
         self.lost = self._lost()
         self._place_blocks()
 
+    @functools.cached_property
+    def surfaces(self) -> dict[tuple[float, ...], list[int]]:
+        """The impacts on surfaces of each gap coordinate, by its row, whose largest is one."""
+        found: dict[tuple[float, ...], list[int]] = {}
+        for k, row in enumerate(self.rows):
+            found.setdefault(tuple((row / row[pivot(row)]).tolist()), []).append(k)
+        return found
+
+    @functools.cached_property
+    def rows(self) -> Array:
+        """The coefficients of each impact's gap coordinate, of all positions."""
+        size = self.model.DEGREES_OF_FREEDOM
+        return np.array([self.model.guard(letter).row(size) for letter in self.word.walls], float)
+
+    @functools.cached_property
+    def looks_along(self) -> bool:
+        """Whether sizes are looked for along the flights in all coordinates."""
+        return not self.kernels.planar or all(map(self.kernels.integrated, self.word.walls))
+
     def _begin(self, model: Model, word: Word, kernels: Kernels) -> None:
         """What orbits of all words have."""
         self.model, self.word, self.kernels = model, word, kernels
         self.parameter = kernels.parameter
         self.m = model.unknowns_per_impact
-        self.paired = kernels.planar and not self.autonomous
+        positions = kernels.planar and all(guard.row(1) == (1,) for guard in model.WALLS)
+        self.paired = positions and not self.autonomous
         names = list(model.values)
         self._values = list(model.values.values())
         self.free = len(kernels.parameters)
@@ -788,29 +827,44 @@ class OrbitProblem:
 
         Times are measured in waves of the forcing, velocities in the largest along the flights,
         other section coordinates in the largest at the impacts, or, where they vanish at all of
-        them, in the largest along the flights; all averaged over the impacts. The free parameters
-        are measured in `span`.
+        them, in the largest along the flights; all averaged over the impacts on surfaces of one
+        gap coordinate, since others have their own units. The free parameters are measured in
+        `span`.
         """
-        impacts = self.impacts(unknowns)
-        period = self.period(unknowns)
-        sizes = np.max(np.abs(impacts[:, 1:]), axis=0)
-        if self.kernels.planar and not all(map(self.kernels.integrated, self.word.walls)):
-            sizes[0] = max(sizes[0], self._largest_speed(unknowns))
-        else:
-            speed, along = self._largest_along(unknowns)
-            sizes[0] = max(sizes[0], speed)
-            sizes[1:] = np.where(sizes[1:] > VANISHING * along, sizes[1:], along)
-        wave = period / self.mean_order(self.values(unknowns))
-        one = np.concatenate([[wave], np.where(sizes > 0, sizes, 1.0)])
-        found = np.empty(self.n + self.free)
-        found[: self.n].reshape(-1, self.m)[:] = one * math.sqrt(len(self.word))
-        found[self.n :] = span
-        return found
+        impacts, one = np.abs(self.impacts(unknowns)), np.ones((len(self.word), self.m))
+        one[:, 0] = self.period(unknowns) / self.mean_order(self.values(unknowns))
+        along = self._largest_along(unknowns) if self.looks_along else None
+        for row, place in self.surfaces.items():
+            sizes = np.max(impacts[place, 1:], axis=0)
+            if along is None:
+                sizes[0] = max(sizes[0], self._largest_speed(unknowns))
+            else:
+                speed, others = along[row]
+                sizes[0] = max(sizes[0], speed)
+                sizes[1:] = np.where(sizes[1:] > VANISHING * others, sizes[1:], others)
+            one[place, 1:] = np.where(sizes > 0, sizes, 1.0)
+        return np.append(one * math.sqrt(len(self.word)), np.full(self.free, span))
+
+    def residual_sizes(self, scale: Array) -> Array:
+        """Return natural sizes of the residuals, given those of the unknowns, shape (n,).
+
+        They are states at the ends of flights: the gap coordinate's is measured by the largest
+        velocity in a wave of the forcing, or by that velocity, where it is over the duration.
+        """
+        sizes = scale[: self.n].reshape(-1, self.m) / math.sqrt(len(self.word))
+        sizes, elsewhere = np.roll(sizes, -1, axis=0), np.array(self.arrivals) == ELSEWHERE
+        sizes[:, 0] = np.where(elsewhere, sizes[:, 0], 1.0) * sizes[:, 1]
+        return sizes.ravel()
 
     def natural_units(self, unknowns: Array) -> Array:
         """Return units in which differences of orbits are told, whatever the units of the model:
         the forcing's period, the largest velocity at an impact, or to a wall in a period, for
-        positions their product, and for parameters their values."""
+        positions their product, and for parameters their values. Surfaces of several gap
+        coordinates have the units of `scale`."""
+        if len(self.surfaces) > 1:
+            units = self.scale(unknowns, self._units_of_parameters(unknowns))
+            units[: self.n] /= math.sqrt(len(self.word))
+            return units
         setup, rates = self.setup(unknowns), np.abs(self.impacts(unknowns)[:, 1::2])
         fastest = max(float(np.max(rates)), max(map(abs, setup.walls)) / abs(setup.period))
         one = np.full(self.m, fastest or 1.0)
@@ -855,23 +909,29 @@ class OrbitProblem:
                 fastest = max(fastest, speed)
         return fastest
 
-    def _largest_along(self, unknowns: Array) -> tuple[float, Array]:
-        """The largest speed at instants of each flight, of the coordinate of the guard it leaves,
-        and the largest of each section coordinate but the first."""
+    def _largest_along(self, unknowns: Array) -> dict[tuple[float, ...], tuple[float, Array]]:
+        """The largest speed at instants of the flights that leave surfaces of one gap coordinate,
+        and the largest along all flights of each section coordinate but the first."""
         motion = motion_of(Linearisation(self, unknowns), INSTANTS + 1)
-        size = self.model.DEGREES_OF_FREEDOM
-        rows = [self.model.guard(letter).row(size) for letter in self.word.walls]
-        inside = motion.v.reshape(len(rows), INSTANTS + 1, size)[:, 1:-1]
-        fastest = float(np.max(np.abs(np.einsum("kij,kj->ki", inside, np.array(rows, float)))))
+        shape = len(self.word), INSTANTS + 1, self.model.DEGREES_OF_FREEDOM
+        speeds = np.abs(np.einsum("kij,kj->ki", motion.v.reshape(shape)[:, 1:-1], self.rows))
         largest = np.max(np.abs([motion.x, motion.v]), axis=1).T
-        parts = [np.delete(largest, place, axis=0).ravel() for place in {*map(pivot, rows)}]
-        return fastest, np.max(parts, axis=0)
+        return {
+            row: (float(np.max(speeds[place])), np.delete(largest, pivot(row), axis=0).ravel())
+            for row, place in self.surfaces.items()
+        }
+
+    def apart(self, one: Array, other: Array) -> float:
+        """Return the largest difference of two orbits in natural units; parameters do not count."""
+        difference = self.difference(one, other) / self.natural_units(other)
+        return float(np.max(np.abs(difference[: self.n])))
 
     def difference(self, one: Array, other: Array) -> Array:
         """Return one - other as orbits: zero up to whole periods and rotations of the word."""
-        period, span = self.period(one), self.span(other)
-        best: Array | None = None
-        for shift in self.word.rotations():
+        period, span, shifts = self.period(one), self.span(other), self.word.rotations()
+        units = self.natural_units(other) if len(shifts) > 1 else 1.0
+        best, least = None, math.inf
+        for shift in shifts:
             moved = np.roll(self.impacts(other), -shift, axis=0).copy()
             if shift:
                 moved[len(self.word) - shift :, 0] += span
@@ -879,7 +939,8 @@ class OrbitProblem:
             if not self.autonomous:
                 gap[:, 0] -= period * np.round(np.mean(gap[:, 0]) / period)
             candidate = np.append(gap.ravel(), one[-self.free :] - other[-self.free :])
-            if best is None or np.linalg.norm(candidate) < np.linalg.norm(best):
-                best = candidate
+            away = float(np.linalg.norm(candidate / units))
+            if best is None or away < least:
+                best, least = candidate, away
         assert best is not None
         return best

@@ -373,10 +373,22 @@ class QuietProblem(OrbitProblem):
         return np.array(ends).ravel()
 
     def scale(self, unknowns: Array, span: ArrayLike) -> Array:
-        """Return natural sizes of the unknowns, by which arclength is measured."""
-        sizes = np.abs(self.state(unknowns))
-        speed = max(self._largest_speed(unknowns), float(np.max(sizes)))
-        return np.append(np.full(self.m, speed if speed > 0.0 else 1.0), span)
+        """Return natural sizes of the unknowns, by which arclength is measured.
+
+        Velocities are measured by the largest along the orbit, or positions in waves of the
+        forcing, and positions by the same in the wave's time.
+        """
+        rate = 2.0 * math.pi / self.period(unknowns)
+        state = np.abs(self.state(unknowns))
+        size = max(float(np.max(state[::2])), self._largest_speed(unknowns) / rate)
+        size = max(size, float(np.max(state[1::2])) / rate)
+        sizes = np.full(self.m, size if size > 0.0 else 1.0)
+        sizes[1::2] *= rate
+        return np.append(sizes, span)
+
+    def residual_sizes(self, scale: Array) -> Array:
+        """Return natural sizes of the residuals: those of the state."""
+        return scale[: self.n]
 
     def _largest_speed(self, unknowns: Array) -> float:
         values, state = self.values(unknowns), self.state(unknowns)
@@ -387,7 +399,7 @@ class QuietProblem(OrbitProblem):
             try:
                 track = integrated_track(self.kernels, SECTION, state, values, length)
             except ArithmeticError:
-                return math.nan
+                return 0.0
             _, speeds = track.at(times)
             row = np.array(guard.row(self.m // 2), dtype=float)
             return float(np.max(np.abs(speeds @ row[: speeds.shape[1]])))
@@ -473,4 +485,10 @@ class FreeQuietProblem(WithoutForcing, QuietProblem):
         """Return natural sizes of the unknowns, by which arclength is measured."""
         sizes = super().scale(unknowns, span)
         sizes[1] = self.span(unknowns)
+        return sizes
+
+    def residual_sizes(self, scale: Array) -> Array:
+        """Return the same, with a velocity in the place of the period."""
+        sizes = super().residual_sizes(scale).copy()
+        sizes[1] = 2.0 * math.pi * sizes[0] / sizes[1]
         return sizes

@@ -33,7 +33,7 @@ from ..progress import Asked, Progress, ignore_progress, progress_lines
 from ..segments.compiling import timed_plainly
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION
-from ..segments.segment import STATES
+from ..segments.segment import ELSEWHERE, STATES
 from .orbit import Orbit
 from .problem import Linearisation, OrbitProblem
 from .quiet import FreeQuietProblem, QuietProblem, problem_of
@@ -116,8 +116,8 @@ def _shortest_shift(problem: OrbitProblem, unknowns: Array, tolerance: float) ->
         apart = abs(later - rows)
         if apart[:, 0].max() >= tolerance * waves:
             continue
-        units = problem.scale(unknowns, 1.0)[: problem.m]  # all impacts may be touches
-        if (apart / units).max() < tolerance:
+        units = problem.scale(unknowns, 1.0)[: problem.n]  # all impacts may be touches
+        if (apart / units.reshape(apart.shape)).max() < tolerance:
             return shift
     return None
 
@@ -196,6 +196,12 @@ def _fit_sections(problem: OrbitProblem, times: Array) -> Array:
     z = np.zeros((n, m, count))
     z[:, 0] = times
     residual, jacobian = _evaluate_all(problem, z)
+    waves = 2.0 * math.pi / problem.kernels.setup(*problem.model.values.values()).period
+    elsewhere = [arrival == ELSEWHERE for arrival in problem.arrivals]
+    for found in (residual, jacobian):  # positions in the unit of velocities
+        rows = found.reshape(n, m, -1)
+        rows[:, 2::2] *= waves
+        rows[elsewhere, 0] *= waves
     sections = [i for i in range(n * m) if i % m]
     by_section = np.moveaxis(jacobian[:, sections], -1, 0)
     normal = by_section.transpose(0, 2, 1) @ by_section
@@ -238,8 +244,8 @@ def solve_on_arrays(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
             z, origin, residual = z[..., healthy], origin[healthy], residual[:, healthy]
             jacobian = jacobian[..., healthy]
         step = _solve_all(jacobian, -residual).reshape(n, m, -1)
-        done = _sizes(step) < SETTLED * np.maximum(_sizes(z), 1.0)
-        done &= np.abs(step[:, 0]).max(axis=0) < SETTLED * max(1.0, period)
+        done = _sizes(step) < SETTLED * _sizes(z)
+        done &= np.abs(step[:, 0]).max(axis=0) < SETTLED * period
         if done.any():
             ended = (z + step)[..., done]
             moving = _sizes(ended) >= near
@@ -553,34 +559,31 @@ def _search_turning(problem: FreeQuietProblem, generator: np.random.Generator) -
 
 def _repeats_quietly(here: Linearisation) -> bool:
     """Whether an orbit without impacts is one of a shorter period."""
-    problem = here.problem
+    problem, z = here.problem, here.unknowns
+    units = problem.residual_sizes(problem.natural_units(z))
     shorter = (QuietProblem(problem.model, w, problem.kernels) for w in problem.word.repeated())
-    return any(one.evaluate(here.unknowns).largest_residual < SAME_ORBIT for one in shorter)
+    return any(np.all(np.abs(one.evaluate(z).residual) < SAME_ORBIT * units) for one in shorter)
 
 
 def solve_near(
     problem: OrbitProblem, unknowns: Array, iterations: int = 12
 ) -> Linearisation | None:
     """Solve for an orbit at fixed parameter, to rounding, from a good guess; None if it fails."""
-    z = unknowns.copy()
+    z, least = unknowns.copy(), math.inf
     best: Linearisation | None = None
     try:
+        units = problem.residual_sizes(problem.natural_units(z))
         for _ in range(iterations):
             here = problem.evaluate(z)
-            size = np.max(np.abs(here.residual))
-            if best is not None and not size < 0.5 * np.max(np.abs(best.residual)):
+            size = float(np.max(np.abs(here.residual) / units))
+            if best is not None and not size < 0.5 * least:
                 break
-            best = here
+            best, least = here, size
             z = z.copy()
             z[: problem.n] -= np.linalg.solve(here.jacobian[:, : problem.n], here.residual)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         return None
-    if best is None:
-        return None
-    impacts = problem.impacts(best.unknowns)[:, 1:]
-    state = impacts if impacts.size else best.unknowns[: problem.n]
-    size = max(1.0, float(np.max(np.abs(state), initial=0.0)))
-    return best if np.max(np.abs(best.residual)) < 1e-11 * size else None
+    return best if least < 1e-11 else None
 
 
 def _add_new(
@@ -658,7 +661,7 @@ def _impacts_follow(here: Linearisation) -> bool:
 def _same_solution(problem: OrbitProblem, solutions: Array, other: Array) -> Array:
     """Which rows are another solution, up to whole periods and rotations of the word."""
     period, span = problem.period(other), problem.span(other)
-    units = problem.natural_units(other)[: problem.m]
+    units = problem.natural_units(other)[: problem.n].reshape(-1, problem.m)
     rows = solutions[:, :-1].reshape(-1, len(problem.word), problem.m)
     same = np.zeros(len(solutions), dtype=bool)
     for shift in problem.word.rotations():
@@ -756,7 +759,7 @@ def solve_from_starts(
         astray, shrunk, last = 0, 0, 1.0
         for iteration in range(ITERATIONS):
             evaluated += 1
-            worst = assemble(
+            total = assemble(
                 flight,
                 setup,
                 kinds,
@@ -768,13 +771,13 @@ def solve_from_starts(
                 fixed,
                 z,
             )
-            if worst - worst != 0.0:  # infinite or NaN
+            if total - total != 0.0:  # infinite or NaN
                 break
             reduced = eliminate(blocks, arrivals, kept, 1.0, False, z, 0.0)
             if not abs(solve(reduced, kept, count, border, 0.0, step)) > 0.0:
                 break
             farthest, period = 0.0, clock[0] / counts[PERIODS]
-            largest, total, part, size = 0.0, 0.0, 1.0, 1.0
+            largest, total, part, size = 0.0, 0.0, 1.0, 0.0
             for k in range(count):
                 i = 2 * k
                 farthest, size = max(farthest, abs(step[i])), max(size, abs(z[i + 1]))
@@ -782,7 +785,7 @@ def solve_from_starts(
                 total += abs(step[i]) + abs(step[i + 1])
             if total - total != 0.0:
                 break
-            if largest < SETTLED * size and farthest < SETTLED * max(1.0, period):
+            if largest < SETTLED * size and farthest < SETTLED * period:
                 for i in range(n):
                     z[i] += step[i]
                 made[number] = float(iteration)

@@ -159,7 +159,7 @@ def kinds_of(events: Sequence[NamedEvent], name: object) -> str:
 # the system's formulas that is an orbit again; that it solves them is checked.
 
 SOLVED = 1e-6
-"""A larger residual belongs to another model."""
+"""A larger residual, beside the sizes of what is compared, belongs to another model."""
 
 
 def orbit_of(entry: Entry, model: Model | None = None, kernels: Kernels | None = None) -> Orbit:
@@ -235,9 +235,11 @@ def _row(branch: Branch, place: int, where: str) -> int:
 def _solve_orbit(problem: OrbitProblem, rows: Array, where: str) -> Orbit:
     """The orbit of these impacts at the model's parameters, if it solves the equations."""
     free = [problem.model.values[name] for name in problem.kernels.parameters]
-    here = problem.evaluate(np.concatenate([rows.ravel(), free]))
-    if not here.largest_residual < SOLVED:
-        found = f"it is no orbit of this model (residual {here.largest_residual:.2g})"
+    here = problem.evaluate(np.append(rows.ravel(), free))
+    units = problem.residual_sizes(problem.natural_units(here.unknowns))
+    residual = float(np.max(np.abs(here.residual) / units))
+    if not residual < SOLVED:
+        found = f"it is no orbit of this model (relative residual {residual:.2g})"
         raise InputError(where, found, "give the model it was computed with")
     return Orbit(problem, here)
 

@@ -64,8 +64,10 @@ def check_branch(found, settings):
     points = found.points
     assert points[0].arclength == 0.0
     assert np.all(np.diff([point.arclength for point in points]) > 0.0)
-    residuals = np.array([point.evaluation.residual for point in points])
-    assert np.max(np.abs(residuals)) <= settings.tolerance
+    problem = points[0].evaluation.problem
+    residuals = np.abs([point.evaluation.residual for point in points])
+    sizes = [problem.residual_sizes(problem.scale(point.unknowns, 1.0)) for point in points]
+    assert np.all(residuals <= settings.tolerance * np.max(sizes, axis=0))
     check_sum_rule(points)
     check_determinant(points)
     check_no_repetition(found)

@@ -58,7 +58,7 @@ def test_every_command_takes_a_system_file(folder, capsys):
     said = capsys.readouterr().err.splitlines()[-1]  # a slow machine tells its progress before
     assert said.startswith("contimpact: repetitions: ")  # the scene is read
     assert (folder / "out.svg").exists()
-    assert "e1,FB" in (folder / "out" / "events.csv").read_text()
+    assert ",FB," in (folder / "out" / "events.csv").read_text()
 
 
 def test_without_it_the_scene_is_refused(folder, capsys):

@@ -245,7 +245,7 @@ def test_equations_without_a_value(function, reason):
 def test_first_tangent_is_the_unit_null_vector_of_the_metric(turn):
     scale = np.array([3.0, 0.2])
     jacobian = np.array([[np.cos(turn), np.sin(turn)]])
-    tangent = corrector.first_tangent(jacobian, scale)
+    tangent = corrector.first_tangent(None, jacobian, scale)
     assert abs(jacobian @ tangent) < ROUNDING
     assert metric.length(tangent, scale) == pytest.approx(1.0, rel=ROUNDING)
 
@@ -254,7 +254,7 @@ def test_first_tangent_is_the_unit_null_vector_of_the_metric(turn):
     "jacobian", [np.zeros((1, 2)), np.array([[1.0, 2.0, 3.0], [2.0, 4.0, 6.0]])]
 )
 def test_two_directions_have_no_first_tangent(jacobian):
-    assert corrector.first_tangent(jacobian, np.ones(jacobian.shape[1])) is None
+    assert corrector.first_tangent(None, jacobian, np.ones(jacobian.shape[1])) is None
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

@@ -87,10 +87,11 @@ def test_points_against_dense_matrices(kind):
     problem, rng = orbit.problem, np.random.default_rng(0)
     backend = ChainBackend(problem, gaps=True, doubling=True)
     scale = problem.scale(orbit.unknowns, 1.0)
+    backend.lists.units[:] = problem.residual_sizes(scale).tolist()
     for off in (0.0, 1e-3, 1e-2):
         z = orbit.unknowns + off * scale * rng.normal(size=len(scale))
         row = rng.normal(size=len(z)) / scale
-        dense, step = DenseSystem(problem), z.tolist()
+        dense, step = DenseSystem(problem, scale), z.tolist()
         residual = dense.evaluate(z.tolist())
         assert dense.solve(row.tolist(), 0.3, step)
         here, sizes = dense.here, problem.scale(z, 1.0)

@@ -167,7 +167,7 @@ def test_the_first_tangent_of_a_long_word_takes_no_dense_matrix(pair, monkeypatc
     rows = [(t + 2.0 * k, v) for k in range(laps) for t, v in ((t0, v0), (t1, v1))]
     start = np.append(np.ravel(rows), s)
     scale = problem.scale(start, 0.1)
-    expected = corrector.first_tangent(problem.evaluate(start).jacobian, scale)
+    expected = corrector.first_tangent(problem, problem.evaluate(start).jacobian, scale)
     monkeypatch.setattr(corrector, "first_tangent", None)
     settings = Settings(max_points=2)
     for direction in (1, -1):

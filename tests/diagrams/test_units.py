@@ -1,0 +1,176 @@
+"""The same branches in other units of length and time have the same points and events."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import contimpact as ci
+from contimpact.bifurcations.kind import kind_of
+from contimpact.bifurcations.kind import test_functions as make_tests
+from contimpact.continuation.settings import Settings
+from contimpact.diagrams.orbit_branch import walk_both_ways
+from contimpact.diagrams.orbit_walks import walk_orbits
+from contimpact.models.word import Word
+from contimpact.orbits.problem import OrbitProblem
+from contimpact.orbits.quiet import QuietProblem
+from contimpact.results.scene import read_scene
+from contimpact.segments.bounded import bounds_of
+from contimpact.segments.checking import check_model
+from contimpact.segments.kernels import Kernels
+from contimpact.systems.duffing import Duffing
+
+pytest.importorskip("heyoka", reason="needs contimpact[ode]")
+
+
+@functools.cache
+def followed(length, time):
+    """A branch of symmetric orbits of a Duffing oscillator, and the one born where their symmetry
+    breaks: how many points they have, and their events in the units of the first call."""
+    model = Duffing(
+        a=3.0 * length / time**2,
+        omega=1.2 / time,
+        c=0.1 / time,
+        alpha=1.0 / time**2,
+        beta=1.0 / (length * time) ** 2,
+        sigma=30.0 * length,
+        r=0.7,
+    )
+    problem = QuietProblem(model, Word("", 1), Kernels(model, "omega"))
+    guess = np.array([1.79974 * length, 0.2466 * length / time, 1.2 / time])
+    limits = 1.05 / time, 1.21 / time
+    tests = make_tests(problem, ["FB", "BP"], {})
+    first = walk_both_ways(problem, guess, limits, tests, Settings())
+    start = kind_of("BP").born(first.events[0])
+    born = walk_orbits(
+        problem,
+        start.unknowns,
+        1,
+        tangent=start.tangent,
+        branching=True,
+        tests=tests,
+        limits=limits,
+        settings=Settings(),
+    )
+    events = [
+        (e.kind, e.parameter * time, e.error * time, e.point.evaluation.multipliers)
+        for e in (*first.events, *born.events)
+    ]
+    return [len(first.points), len(born.points)], events
+
+
+@pytest.mark.quick(2)
+@pytest.mark.parametrize(("length", "time"), [(1e5, 1e-3), (1e-6, 1e-6), (1e-6, 1e3), (1e5, 1e5)])
+def test_branches_are_the_same_in_any_units(length, time):
+    points, events = followed(1.0, 1.0)
+    others, found = followed(length, time)
+    assert others[0] == points[0]
+    assert [kind for kind, *_ in events] == [kind for kind, *_ in found] == ["BP"]
+    for (_, value, error, multipliers), (_, other, off, same) in zip(events, found, strict=True):
+        assert abs(value - other) <= error + off
+        assert np.allclose(multipliers, same, rtol=1e-7, atol=1e-7)
+
+
+def rubbing(length, time):
+    """The orbits `SN` of a body with dry friction that hits a stop in forward motion."""
+    x, v = f"x/({length})", f"v*({time})/({length})"
+    law = f"({length})/({time})**2*(1.5*cos(w*t/({time})) - {x} - 0.1*{v}"
+    table = {
+        "system": "hybrid",
+        "period": f"2*pi*({time})/w",
+        "parameters": {"w": 0.8},
+        "modes": {"p": {"x": "v", "v": law + " - 0.3)"}, "n": {"x": "v", "v": law + " + 0.3)"}},
+        "guards": {
+            "N": {"mode": "n", "within": "v <= 0", "to": "p"},
+            "S": {"mode": "p", "within": f"x <= 0.6*({length})", "to": "n", "set": {"v": "-0.7*v"}},
+        },
+    }
+    follow = {"parameter": "w", "range": [0.5, 1.6], "orbits": ["SN"]}
+    model = read_scene({"name": "rubbing", "model": table, "follow": follow}).model
+    return OrbitProblem(model, Word("SN", 1), Kernels(model, "w"))
+
+
+@pytest.mark.full
+def test_sizes_of_guards_on_a_position_and_on_a_velocity():
+    """At the stop the state is told by v, v and dv/dt, where the motion turns by dv/dt, x and v."""
+    speed, force = 1e-6 / 1e-3, 1e-6 / 1e-3**2
+    units = np.array([1e-3, speed, speed, force, 1e-3, force, 1e-6, speed, 1.0])
+    z = np.array([0.2394, 2.153, 2.153, 0.3324, 4.279, 1.651, -1.324, 0.0, 1.1])
+    problem, other = rubbing(1, 1), rubbing(1e-6, 1e-3)
+    sizes, others = problem.scale(z, 1.1), other.scale(units * z, 1.1)
+    assert others == pytest.approx(units * sizes, rel=1e-9)
+    ends = np.array([speed, force, 1e-6, speed, 1e-6, speed, speed, force])
+    assert other.residual_sizes(others) == pytest.approx(ends * problem.residual_sizes(sizes))
+    assert other.natural_units(units * z) == pytest.approx(
+        units * problem.natural_units(z), rel=1e-9
+    )
+    values = list(problem.model.values.values())
+    (rows, *_), (errors, *_) = bounds_of(problem.segments[0], z[:4], z[4:8], values)
+    moved = units * z
+    (same, *_), (bounds, *_) = bounds_of(other.segments[0], moved[:4], moved[4:8], values)
+    assert np.array(same) / ends[:4] == pytest.approx(np.array(rows), rel=1e-12)
+    assert max(errors) < 1e-13
+    assert np.all(np.array(bounds) / ends[:4] < 1e-11)
+
+
+@pytest.mark.full
+def test_a_law_in_units_in_which_random_states_are_far_away():
+    """There motion of a hardening oscillator is too fast for differences, which contradicted it."""
+    law = "1e-9*(0.5*cos(1.4*t/1000) - x/1e-3 - (x/1e-3)**3 - 0.1*(v*1e6))"
+    table = {
+        "system": "hybrid",
+        "period": "2000*pi/w",
+        "parameters": {"w": 1.4, "d": 0.8e-3},
+        "modes": {"m": {"x": "v", "v": law.replace("1.4", "w")}},
+        "guards": {"S": {"within": "x <= d", "set": {"v": "-0.8*v"}}},
+    }
+    follow = {"parameter": "w", "range": [1.1, 2.2], "orbits": ["1"]}
+    model = read_scene({"name": "far", "model": table, "follow": follow}).model
+    assert "flight from S" in check_model(model)
+
+
+@functools.cache
+def between_stops(lower, factor=1.0):
+    """Branches of an oscillator between two stops; the gap coordinate of the lower one has a
+    factor, as guards of one's own may have."""
+    table = {
+        "system": "linear",
+        "coordinates": ["x"],
+        "mass": [1],
+        "damping": ["c"],
+        "stiffness": [1],
+        "force": ["a*cos(omega*t)"],
+        "period": "2*pi/omega",
+        "guards": {
+            "S": {"within": "x <= 1", "restitution": 0.6},
+            "T": {"within": lower, "restitution": 0.5},
+        },
+        "parameters": {"omega": 0.8, "c": 0.1, "a": 1.0},
+    }
+    follow = {"parameter": "a", "range": [0.2, 1.6], "orbits": ["SST"]}
+    scene = read_scene({"name": "stops", "model": table, "follow": follow})
+    machine = scene.model.machine
+    upper, own = machine.guards
+    side = own.side if factor > 0.0 else -own.side
+    own = replace(own, row=(factor,), side=side, position=f"({own.position})*({factor})")
+    model = type(scene.model)(
+        machine=replace(machine, guards=(upper, own)).text, **table["parameters"]
+    )
+    found = ci.follow(replace(scene, model=model))
+    return [branch for branch in found.branches if branch.word == "SST"]
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("given", [("-3*x <= 2",), ("x >= -2/3", -1.0), ("x >= -2/3", 3.0)])
+def test_grazings_are_found_whatever_factor_a_guard_has(given):
+    """Steps in one coordinate took each position for the gap coordinate, and found no G at all."""
+    expected, found = between_stops("x >= -2/3"), between_stops(*given)
+    assert sum(event.kind == "G" for branch in expected for event in branch.events) == 5
+    for one, other in zip(expected, found, strict=True):
+        assert [e.kind for e in other.events] == [e.kind for e in one.events]
+        assert [e.physical for e in other.events] == [e.physical for e in one.events]
+        values = [e.value for e in one.events]
+        assert [e.value for e in other.events] == pytest.approx(values, rel=1e-13)
