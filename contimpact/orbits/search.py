@@ -351,11 +351,24 @@ FEWEST_STARTS, MOST_WORK = 16, 40_000
 ROUNDS_IN_VAIN = 2
 """Rounds in a row that find nothing new, after which a search ends."""
 
-QUIET_STARTS, TURNING_STARTS, TURNING_ITERATIONS = 64, 256, 25
-"""Starts and iterations for orbits without impacts, and where their period is free."""
+QUIET_STARTS, QUIET_PERIODS = 64, 12
+"""Starts in a round for orbits without impacts, and the times of the word's period that motions fly
+on before."""
 
-SHORTER = 0.5 ** np.arange(6)
-"""Parts of a Newton step from afar, of which the first is taken that leads nearer."""
+QUIET_LOST, QUIET_SETTLED = 1e4, 0.1
+"""The size of motions that run away, and the part of a state by which one that settles changes in a
+period."""
+
+QUIET_STEP, QUIET_FAR = 0.7, 10.0
+"""Longest Newton step for them, as a part of the state or of its unit, and the size of a state
+that is left."""
+
+AT_FIRST, QUIET_SIZES = (0.01, 0.1, 1.0), (0.3, 1.0, 3.0, 10.0)
+"""Sizes of states from which these motions begin, by the positions of walls, and of others by what
+becomes of them."""
+
+TURNING_STARTS, TURNING_ITERATIONS = 256, 25
+"""Starts and iterations for orbits without impacts whose period is free."""
 
 SAME_ORBIT = 1e-7
 SAME_SINGULAR_ORBIT = 1e-4
@@ -424,7 +437,7 @@ def search_for(
     if not problem.word.walls:
         if isinstance(problem, FreeQuietProblem):
             return Search(_search_turning(problem, generator), TURNING_STARTS)
-        return Search(_without_impacts(problem, generator), QUIET_STARTS)
+        return _without_impacts(problem, generator, rounds, tell)
     starts = min(starts, max(FEWEST_STARTS, MOST_WORK // len(problem.word) ** 2))
     found = _search_rounds(problem, generator, starts, rounds, tell)
     if not found.orbits and any(problem.kernels.flown(*kind) for kind in problem.kinds):
@@ -471,22 +484,107 @@ def _search_rounds(
     return Search(found, starts, quiet == ROUNDS_IN_VAIN)
 
 
-def _without_impacts(problem: OrbitProblem, generator: np.random.Generator) -> list[Orbit]:
-    """The orbits of the word `0`; of linear flights the first start leads to the only one."""
+def _without_impacts(
+    problem: OrbitProblem, generator: np.random.Generator, rounds: int, tell: Progress
+) -> Search:
+    """The orbits of the word `0`, the smallest first; of flights in closed form, which are linear,
+    there is one, to which the first start leads."""
     free = [problem.model.values[name] for name in problem.kernels.parameters]
     units = _units_at_rest(problem, free)
-
-    def state(trial: int) -> Array:
-        drawn = generator.normal(scale=10.0 ** (trial % 4 - 2), size=problem.m) * (trial > 0)
-        return np.append(units * drawn, free)
-
     found: list[Orbit] = []
-    for trial in range(QUIET_STARTS):
-        _add_quiet(found, solve_near(problem, state(trial)), units)
-    if not found and problem.kernels.integrated(SECTION):
-        for trial in range(QUIET_STARTS):
-            _add_quiet(found, solve_near(problem, _approach(problem, state(trial))), units)
-    return found
+    known = [here] if (here := solve_near(problem, np.append(0.0 * units, free))) else []
+    if known:
+        _add_quiet(found, known[0], units)
+    if not problem.kernels.integrated(SECTION):
+        return Search(found, 1)
+    quiet = made = 0
+    while quiet < ROUNDS_IN_VAIN and made < rounds:
+        before, made = len(found), made + 1
+        for z in _solve_quietly(problem, generator, units, known).T:
+            here = solve_near(problem, _round_unknowns(problem, np.append(z, free)))
+            if here is not None and not any(_is_near(here, one, units) for one in known):
+                known.append(here)
+                _add_quiet(found, here, units)
+        tell(f"{len(found)} orbits after {made} rounds of {QUIET_STARTS} starts")
+        quiet = quiet + 1 if len(found) == before else 0
+    found.sort(key=lambda orbit: float(np.max(np.abs(orbit.unknowns[: problem.m] / units))))
+    return Search(found, QUIET_STARTS, quiet == ROUNDS_IN_VAIN)
+
+
+def _solve_quietly(
+    problem: OrbitProblem,
+    generator: np.random.Generator,
+    units: Array,
+    known: Sequence[Linearisation],
+) -> Array:
+    """New solutions for orbits without impacts, one in a column: from states in which motions from
+    random ones are after some periods, near what attracts, and from random ones of such sizes. The
+    first are as large as positions of walls, the next as what becomes of these.
+
+    Newton's iteration is deflated: what is solved is the residual over the distances from the known
+    solutions, none of which is reached again.
+    """
+    blocks, m = problem.segments[0].over(STATES), problem.m
+    values = list(problem.model.values.values())
+
+    def arrive(z: Array) -> tuple[Array, Array]:
+        """The residuals of all starts, and their derivatives, of shape (m, m, S)."""
+        rows, start, end, _ = blocks(z, z, values)
+        table = [np.broadcast_to(a + b, z.shape[1:]) for a, b in zip(start, end, strict=True)]
+        problem.kernel_evaluations += z.shape[1]
+        return np.array([*rows]), np.array(table).reshape(m, m, z.shape[1])
+
+    def draw(sizes: tuple[float, ...]) -> Array:
+        return generator.normal(size=(m, QUIET_STARTS)) * np.resize(sizes, QUIET_STARTS)
+
+    def measure(z: Array) -> Array:
+        sizes: Array = np.max(np.abs(z) / units[:, None], axis=0)
+        return sizes
+
+    def settle(z: Array) -> Array:
+        """What becomes of motions after some periods, without those that run away."""
+        for _ in range(QUIET_PERIODS):
+            if z.shape[1]:
+                z = z + arrive(z)[0]
+                z = z[:, measure(z) < QUIET_LOST]
+        return z
+
+    with np.errstate(all="ignore"):
+        flown = settle(units[:, None] * draw(AT_FIRST))
+        units = units * (float(np.median(measure(flown))) if flown.shape[1] else 1.0)
+        flown = np.hstack([flown, settle(units[:, None] * draw(QUIET_SIZES))])
+        if flown.shape[1]:
+            sizes, rest = measure(flown), measure(arrive(flown)[0])
+            units = units * float(np.max(sizes[rest < QUIET_SETTLED * sizes], initial=1.0))
+        z, reached = np.hstack([flown, units[:, None] * draw(QUIET_SIZES)]), [flown[:, :0]]
+        for _ in range(ITERATIONS):
+            if not z.shape[1]:
+                break
+            residual, table = arrive(z)
+            healthy = np.isfinite(residual.sum(axis=0) + table.sum(axis=(0, 1)))
+            z = z[:, healthy]
+            step = _solve_all(table[..., healthy], -residual[:, healthy])
+            size, grown = np.maximum(1.0, measure(z)), np.zeros(z.shape[1])
+            done = measure(step) < SETTLED * size
+            reached.append((z + step)[:, done])
+            for other in known:
+                apart = (z - other.unknowns[:m, None]) / units[:, None]
+                square = np.sum(apart**2, axis=0)
+                grown -= (
+                    2.0 * np.sum(apart * step / units[:, None], axis=0) / square / (1.0 + square)
+                )
+            step = step / (1.0 - grown)
+            z = z + step * np.minimum(1.0, QUIET_STEP * size / measure(step))
+            z = z[:, ~done & (measure(z) < QUIET_FAR)]
+    return np.hstack(reached)
+
+
+def _is_near(here: Linearisation, other: Linearisation, units: Array) -> bool:
+    """Whether two solutions without impacts are the same."""
+    m = len(units)
+    size = max(1.0, float(np.max(np.abs(here.unknowns[:m] / units))))
+    apart = np.max(np.abs(here.unknowns[:m] - other.unknowns[:m]) / units)
+    return bool(apart < SAME_ORBIT * size)
 
 
 def _units_at_rest(problem: OrbitProblem, free: Sequence[float]) -> Array:
@@ -514,27 +612,6 @@ def _add_quiet(found: list[Orbit], here: Linearisation | None, units: Array) -> 
     if here is not None and _is_regular(here) and not _repeats_quietly(here):
         size = float(np.max(np.abs(here.unknowns[: len(units)] / units)))
         _add(found, here, SAME_ORBIT * max(1.0, size), units)
-
-
-def _approach(problem: OrbitProblem, unknowns: Array) -> Array:
-    """Follow Newton's steps from afar, each as far as the residual falls."""
-    z, best = unknowns, math.inf
-    step = np.zeros(problem.n)
-    try:
-        for _ in range(TURNING_ITERATIONS):
-            for part in SHORTER:
-                trial = z.copy()
-                trial[: problem.n] -= part * step
-                here = problem.evaluate(trial)
-                if here.largest_residual < best:
-                    break
-            else:
-                break
-            z, best = trial, here.largest_residual
-            step = np.linalg.solve(here.jacobian[:, : problem.n], here.residual)
-    except (ArithmeticError, ValueError, np.linalg.LinAlgError):
-        return z
-    return z
 
 
 def _search_turning(problem: FreeQuietProblem, generator: np.random.Generator) -> list[Orbit]:

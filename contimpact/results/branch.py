@@ -161,6 +161,10 @@ def kinds_of(events: Sequence[NamedEvent], name: object) -> str:
 SOLVED = 1e-6
 """A larger residual, beside the sizes of what is compared, belongs to another model."""
 
+OF_ENTRY = 1e-3
+"""Parts of multipliers by which they differ from an entry's where the orbit is another one: at a
+fold they are known to the root of rounding."""
+
 
 def orbit_of(entry: Entry, model: Model | None = None, kernels: Kernels | None = None) -> Orbit:
     """Return the orbit a catalogue entry records, by default of the system that it names; kernels
@@ -211,13 +215,23 @@ def _closing_impacts(problem: OrbitProblem, rows: Array, period: float | None, w
 
 
 def _without_impacts(entry: Entry, problem: OrbitProblem) -> Orbit:
-    """The orbit of the word `0` that has an entry's multipliers: there are no impacts to go by."""
-    found = search_for(problem).orbits
-    if not found:
-        accepted = "give the model it was computed with"
-        raise InputError("entry", "no orbit without impacts was found", accepted)
+    """The orbit of the word `0` in an entry's state; of an older entry, which has none, one that is
+    found by search and has its multipliers."""
+    if entry.state is not None:
+        if len(entry.state) != problem.m:
+            raise InputError("entry", f"a state of {len(entry.state)} numbers", f"give {problem.m}")
+        return _solve_orbit(problem, np.array(entry.state, dtype=float), "entry")
     told = np.array([np.inf if pair is None else complex(*pair) for pair in entry.multipliers])
-    return min(found, key=lambda orbit: float(np.max(np.abs(orbit.multipliers - told))))
+    apart = {
+        float(np.max(np.abs(orbit.multipliers - told) / (1.0 + np.abs(told)))): orbit
+        for orbit in search_for(problem).orbits
+    }
+    if not (apart and min(apart) < OF_ENTRY):
+        accepted = "compute it anew, which records its state, or give the model of the entry"
+        raise InputError(
+            "entry", "no orbit without impacts was found that has its multipliers", accepted
+        )
+    return apart[min(apart)]
 
 
 def _row(branch: Branch, place: int, where: str) -> int:
@@ -442,6 +456,12 @@ class Entry(ParameterItems, NotebookResult):
     )
     orbit_period: float | None = attribute(
         "the orbit's period, only where it is [free](autonomous.md)", None, silent=True
+    )
+    state: Sequence[float] | None = attribute(
+        "only of the word `0`: positions and velocities at t = 0, in turn; the period stands in "
+        "the place of the first velocity where it is free; newer",
+        None,
+        silent=True,
     )
     sliding: str | None = attribute(
         "only of a [sliding bifurcation](belt.md#sliding-bifurcations): which one",

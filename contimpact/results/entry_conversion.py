@@ -78,6 +78,7 @@ def entry_of(event: Event, identity: str, branch: str, before: Point, after: Poi
         nu=details.get("nu"),
         nu_error=details.get("nu_error"),
         orbit_period=here.span if problem.autonomous else None,
+        state=None if word.walls else here.unknowns[: problem.m].tolist(),
         sliding=kind.sliding(event),
         scenario=None if ghost else kind.scenario(event),
     )

@@ -202,7 +202,7 @@ def test_records_become_what_they_were(results):
         entry = entry_of(record)
         written = json.loads(json_text(dataclasses.asdict(entry)))
         # Written where they are.
-        for name in ("certified_radius", "crisis", "sliding", "orbit_period"):
+        for name in ("certified_radius", "crisis", "sliding", "orbit_period", "state"):
             assert written.pop(name) is None
         if "scenario" not in record:
             assert written.pop("scenario") is None

@@ -132,6 +132,28 @@ def test_a_law_in_units_in_which_random_states_are_far_away():
     assert "flight from S" in check_model(model)
 
 
+@pytest.mark.parametrize("word", ["0", "1"])
+@pytest.mark.parametrize(("length", "rate"), [(1e-6, 1.0), (1e6, 1e6)])
+def test_orbits_are_restored_in_any_units_and_those_of_other_models_refused(word, length, rate):
+    model = ci.Oscillator(
+        a=0.5 * length * rate**2,
+        omega=1.7 * rate,
+        c=0.2 * rate,
+        k=rate**2,
+        sigma=0.1 * length,
+        r=0.8,
+    )
+    orbit = ci.find_orbits(model, word, parameter="omega")[0]
+    limits = (1.2 * rate, 2.5 * rate)
+    branch = ci.continue_orbit(orbit, "omega", limits, events=["FB", "PD", "G", "V"])
+    event = branch.events[0]
+    assert event.orbit().value == event.value
+    assert branch.orbit(len(branch) // 2).parameter == "omega"
+    damaged = replace(event, parameters={**event.parameters, "c": 0.4 * rate})
+    with pytest.raises(ci.InputError, match="no orbit of this model"):
+        damaged.orbit()
+
+
 @functools.cache
 def between_stops(lower, factor=1.0):
     """Branches of an oscillator between two stops; the gap coordinate of the lower one has a

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from contimpact.accuracy.reference import Reference
 from contimpact.accuracy.report import report
@@ -20,8 +22,10 @@ from contimpact.results.catalogue import load_diagram, write_diagram
 from contimpact.results.scene import read_scene
 from contimpact.segments.flight import breaks_of
 from contimpact.segments.kernels import Kernels
+from contimpact.systems.duffing import Duffing
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
+from contimpact.systems.pendulum import Pendulum
 from contimpact.systems.soft_stop import SoftStop
 
 VALUES = {"a": 0.3, "omega": 1.3, "c": 0.1, "k": 1.0, "sigma": 0.5, "r": 0.8}
@@ -192,3 +196,45 @@ def test_no_forcing_at_all_costs_no_more_than_some(c, k, monkeypatch):
         (gaps,) = orbit.problem.gaps(np.array([*state, 0.0]))
         assert all(touch is None or touch.gap == pytest.approx(1.0) for touch in gaps.touches)
     assert max(counts) < 100
+
+
+def test_events_are_restored_from_their_states(tmp_path):
+    """Also at the pitchfork of a pendulum, where no search finds the singular orbit, and orbits one
+    turn further, whose multipliers are the same, are others."""
+    pytest.importorskip("heyoka")
+    model = Pendulum(a=0.8, omega=0.9, c=0.2, sigma=3.0, r=0.7)
+    orbit = find_orbits(model, "0", parameter="a")[0]
+    branch = continue_orbit(orbit, "a", (0.2, 1.4), events=["BP"])
+    (event,) = branch.events
+    assert event.orbit().unknowns[:2].tolist() == event.state
+    born = continue_born(event, range=(0.2, 1.4), events=["G"])
+    assert (born.word, len(born) > 10) == ("", True)
+    middle = born.orbit(len(born) // 2)
+    assert abs(middle.unknowns[0] - event.state[0]) < 3.0
+
+    def force(t, s):
+        return s[1], middle.value * math.cos(0.9 * t) - 0.2 * s[1] - math.sin(s[0])
+
+    end = solve_ivp(
+        force,
+        (0.0, 2.0 * math.pi / 0.9),
+        middle.unknowns[:2],
+        method="DOP853",
+        rtol=1e-13,
+        atol=1e-13,
+    ).y[:, -1]
+    assert end == pytest.approx(middle.unknowns[:2], abs=1e-11)
+
+
+def test_an_older_entry_has_the_orbit_of_its_multipliers_or_says_that_there_is_none():
+    pytest.importorskip("heyoka")
+    model = Duffing(a=0.3, omega=1.3, c=0.1, alpha=1.0, beta=1.0, sigma=0.8, r=0.8)
+    branch = continue_orbit(
+        find_orbits(model, "0", parameter="a")[0], "a", (0.05, 2.0), events=["G"]
+    )
+    (event,) = branch.events
+    older = dataclasses.replace(event, state=None)
+    assert older.orbit().unknowns == pytest.approx(event.orbit().unknowns, abs=1e-9)
+    other = dataclasses.replace(older, multipliers=[(0.5, 0.0), (0.1, 0.0)])
+    with pytest.raises(InputError, match="that has its multipliers"):
+        other.orbit()

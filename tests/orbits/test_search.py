@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from zoo import unknowns_of
 
 from contimpact.errors import InputError
@@ -647,3 +648,31 @@ def test_starts_that_lead_to_rest_are_no_orbits(monkeypatch):
     search.search(model, "LR", "be", starts=32, rounds=1)
     sizes = [np.max(np.abs(unknowns[:8].reshape(2, 4)[:, 1:])) for unknowns in tried]
     assert min(sizes) > 1e-12
+
+
+@pytest.mark.parametrize(
+    ("values", "count"),
+    [
+        # a, omega, c, alpha, beta: the stable one of large amplitude, and another in each well
+        ((3.3752, 2.4235, 0.1036, 1.0, 0.1716), 2),
+        ((97.2275, 2.6283, 0.6994, 1.0, 0.6036), 3),
+    ],
+)
+def test_orbits_without_impacts_are_found_beside_each_other(values, count):
+    """As many as Newton's iteration led to from 750 states, by Runge and Kutta's method; all that
+    attract are among them, where scipy's integration leads from 20 random states."""
+    pytest.importorskip("heyoka")
+    a, omega, c, alpha, beta = values
+    model = Duffing(a=a, omega=omega, c=c, alpha=alpha, beta=beta, sigma=50.0, r=0.5)
+    orbits = find_orbits(model, "0", parameter="omega")
+    assert len(orbits) >= count
+    period = 2.0 * math.pi / omega
+
+    def force(t, s):
+        return s[1], a * math.cos(omega * t) - c * s[1] - alpha * s[0] - beta * s[0] ** 3
+
+    for start in np.random.default_rng(1).normal(scale=[5.0, 10.0], size=(5, 2)):
+        end = solve_ivp(force, (0.0, 60 * period), start, method="DOP853", rtol=1e-9, atol=1e-9).y[
+            :, -1
+        ]
+        assert min(np.max(np.abs(end - orbit.unknowns[:2])) for orbit in orbits) < 0.1

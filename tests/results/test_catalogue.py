@@ -240,8 +240,8 @@ def test_every_float_of_the_catalogue_reads_back_to_the_same_bits(diagram, catal
 
 def test_catalogue_holds_the_whole_entry(diagram, catalogue):
     """A certified radius stands there only once the entry is certified, sliding where it slides, a
-    period where it is free."""
-    never = dict.fromkeys(("certified_radius", "sliding", "orbit_period", "crisis"))
+    period where it is free, a state of the word `0`."""
+    never = dict.fromkeys(("certified_radius", "sliding", "orbit_period", "crisis", "state"))
     for record, entry in zip(catalogue["entries"], diagram.entries, strict=True):
         absent = never if entry.scenario else never | {"scenario": None}
         assert set(record) == {field.name for field in dataclasses.fields(Entry)} - {*absent}
