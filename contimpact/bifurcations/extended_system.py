@@ -385,9 +385,12 @@ def has_multiplier(event: OrbitEvent, target: float) -> bool:
     """Whether a multiplier is where the event needs one.
 
     Determinants also vanish where flights do: at r = 0 impacts merge, and no multiplier is near.
+    Where the velocity of an impact is rounding, as at a V, so are multipliers, which have it as a
+    divisor.
     """
-    multipliers = event.point.evaluation.multipliers
-    return bool(np.min(np.abs(multipliers - target)) < UNIT_CIRCLE)
+    here = event.point.evaluation
+    near = np.min(np.abs(here.multipliers - target)) < UNIT_CIRCLE
+    return bool(near) and not here.resting
 
 
 def null_vectors(here: Linearisation, mu: float) -> tuple[Array, Array]:

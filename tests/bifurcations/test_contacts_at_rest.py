@@ -16,6 +16,7 @@ from zoo import PRELOADED as VALUES
 from zoo import Preloaded
 
 from contimpact import continue_orbit, follow_curve
+from contimpact.bifurcations.extended_system import has_multiplier
 from contimpact.bifurcations.kind import Change
 from contimpact.diagrams.orbit_walks import _missed_change
 from contimpact.models.word import Word
@@ -133,3 +134,19 @@ def test_smaller_steps_are_advised_only_where_they_tell_more(width, helps):
     arc = SimpleNamespace(left=end(0.1), right=end(0.1 + width))
     reason = _missed_change("V", arc, Change.PHYSICALITY).reason
     assert ("a smaller max_step may tell" in reason) is helps
+
+
+def test_a_multiplier_is_no_event_where_the_velocity_it_is_divided_by_is_rounding(magnet):
+    """By chance it has any value: beside a V there was a PD on one processor, on others none."""
+    (found,) = [e for e in magnet.events if e.kind == "V"]
+    problem, unknowns = found.orbit().problem, found.orbit().unknowns.copy()
+    for rest in (3e-16, -2e-15):
+        unknowns[3] = rest
+        here = problem.evaluate(unknowns)
+        assert here.resting == [1]
+        event = SimpleNamespace(point=SimpleNamespace(evaluation=here))
+        assert not any(has_multiplier(event, value) for value in here.multipliers)
+    unknowns[3] = 1e-9
+    here = problem.evaluate(unknowns)
+    event = SimpleNamespace(point=SimpleNamespace(evaluation=here))
+    assert all(has_multiplier(event, value) for value in here.multipliers)
