@@ -38,6 +38,7 @@ from .flights import (
     Contact,
     KernelWindow,
     LinearMotion,
+    LinearWindow,
     Window,
     linear_windows,
     until_repeated,
@@ -47,6 +48,7 @@ from .linear_flights import Law, LinearRuns
 from .run import (
     CALM,
     EARLY,
+    FASTER,
     LOW,
     SHORT,
     TOGETHER,
@@ -202,6 +204,13 @@ SLOW = 0.05
 MOVED = 1e-10
 """A wall is left by an impact elsewhere that gives it this part of the largest velocity; a guard is
 passed at once, from its surface on, by this part of the fastest."""
+
+
+def _faster(
+    one: tuple[float, int, float], other: tuple[float, int, float]
+) -> tuple[float, int, float]:
+    """Return the faster of two arrivals at one time, the first if they are equally fast."""
+    return other if abs(other[2]) > FASTER * abs(one[2]) else one
 
 
 class Automaton:
@@ -434,7 +443,7 @@ class Automaton:
         if hits:
             earliest = min(hit[0] for hit in hits)
             together = [hit for hit in hits if hit[0] <= earliest + TOGETHER * self.period]
-            dt, wall, speed = max(together, key=lambda hit: abs(hit[2]))
+            dt, wall, speed = functools.reduce(_faster, together)
             if released is None or dt < released[0]:
                 section = window.section(self.guards[wall], dt, speed)
                 return dt, State(wall, 0.0, speed, 0, section[1:], held)
@@ -465,17 +474,31 @@ class Automaton:
         curve, breaks, origin = window.coordinate(self.guards[numbers[0]])
         _, speed, force = curve((), 0.0, ())
         rising = speed > 0.0 or (speed == 0.0 and force > 0.0)
-        if left is not None and own:
-            if self._stays(left):
-                origin = self.positions[left]
-            if self.passages.leaving[left]:
-                rising = self.passages.leaving[left] < 0.0
-            if speed == 0.0:
+        from_wall = left if own else self._released_with(window, numbers, left)
+        if from_wall is not None:
+            if self._stays(from_wall):
+                origin = self.positions[from_wall]
+            if self.passages.leaving[from_wall]:
+                rising = self.passages.leaving[from_wall] < 0.0
+            if speed == 0.0 or not own:
                 breaks = [t for t in breaks if t > NUDGE * self.period]
         times = [*(t for t in breaks if 0.0 < t < window.length), window.length]
         around = low - origin, high - origin
         side, dt, speed, _ = first_hit(curve, (), (), times, 0.0, rising, *around)
         return (dt, above if side > 0 else below, speed) if side else None
+
+    def _released_with(
+        self, window: Window, numbers: Sequence[int], left: int | None
+    ) -> int | None:
+        """The wall on which a coordinate rests where a flight begins, without a force to rounding:
+        it was released together with the wall left."""
+        if left is None or not isinstance(window, LinearWindow):
+            return None
+        guard = self.guards[numbers[0]]
+        for k in (k for k in numbers if self._is_wall(k)):
+            if window.rests(guard, self.positions[k], self.period):
+                return k
+        return None
 
     def _stays(self, left: int) -> bool:
         """Whether the motion goes on from the surface of the guard that it leaves."""

@@ -139,12 +139,18 @@ class LinearMotion:
 
 def _first_negative(track: Track, weights: Array, state: Array) -> float | None:
     """When a linear combination of X becomes negative; 0 if it is so from the start."""
-    if weights @ state < -AT_ONCE * (np.abs(weights) @ np.abs(state)):
-        return 0.0
+
+    def negative(at: Array) -> bool:
+        return bool(weights @ at < -AT_ONCE * (np.abs(weights) @ np.abs(at)))
+
     times = track.changes(weights)
-    ends = [*times, track.pieces.length][1:]
-    after = (weights @ track.at(0.5 * (t + end)) < 0.0 for t, end in zip(times, ends, strict=True))
-    return next((t for t, negative in zip(times, after, strict=True) if negative), None)
+    ends = [*times, track.pieces.length]
+    if negative(state) or negative(track.at(0.5 * ends[0])):
+        return 0.0
+    after = (
+        weights @ track.at(0.5 * (t + end)) < 0.0 for t, end in zip(times, ends[1:], strict=True)
+    )
+    return next((t for t, below in zip(times, after, strict=True) if below), None)
 
 
 # Flights that are integrated, from one impact to the next: first arrivals on Taylor polynomials.
@@ -409,6 +415,20 @@ class LinearWindow:
         size = self.motion.shape.freedom
         row = guard.row(size)
         return float(self.state[:size] @ row), float(self.state[size : 2 * size] @ row)
+
+    def rests(self, guard: Guard, position: float, period: float) -> bool:
+        """Whether a gap coordinate is at a position, at rest and without a force, to rounding."""
+        size, row = self.motion.shape.freedom, np.array(guard.row(self.motion.shape.freedom))
+        x, v = self.state[:size], self.state[size : 2 * size]
+        weights = row @ self.motion.accelerations
+        force = AT_ONCE * float(
+            np.abs(row) @ np.abs(self.motion.accelerations) @ np.abs(self.state)
+        )
+        return bool(
+            abs(row @ x - position) <= AT_ONCE * float(np.abs(row) @ np.abs(x)) + force * period**2
+            and abs(row @ v) <= force * period
+            and abs(weights @ self.state) <= force
+        )
 
     def bounds(self, guard: Guard) -> tuple[float, float]:
         return self.track.bounds(guard.row(self.motion.shape.freedom))

@@ -539,8 +539,9 @@ def make_impacts(
 # each in the largest size of X, and behind these the arrivals at each gap coordinate (time,
 # velocity, side).
 
-TOGETHER = 1e-14
-"""Arrivals within this part of a period are at one time; the fastest of them comes first."""
+TOGETHER, FASTER = 1e-14, 1.0 + 1e-12
+"""Arrivals within this part of a period are at one time; the first guard comes first, unless
+another arrives faster than by rounding, so that a motion that repeats itself has one word."""
 
 AnyFlights: TypeAlias = Any
 """A system at fixed parameter values, as vectors: `linear_flights.Flights`, or what has the same
@@ -587,7 +588,7 @@ def first_reached(
     chosen, fastest = -1, -1.0
     for row in range(gaps):
         speed = abs(space[hits + 3 * row + 1])
-        if space[hits + 3 * row] <= earliest + TOGETHER * period and speed > fastest:
+        if space[hits + 3 * row] <= earliest + TOGETHER * period and speed > FASTER * fastest:
             chosen, fastest = row, speed
     at = law * gaps + chosen
     wall = flights.above[at] if space[hits + 3 * chosen + 2] > 0.0 else flights.below[at]

@@ -25,6 +25,7 @@ from contimpact.simulation.simulator import Simulator
 from contimpact.simulation.sweep import basins, same_attractor, sweep
 from contimpact.systems.coupled_by_impact import CoupledByImpact
 from contimpact.systems.impact_damper import ImpactDamper
+from contimpact.systems.oscillator import Oscillator
 from contimpact.systems.two_masses import TwoMasses
 
 VALUES = TWO_MASSES | {"omega": 1.8, "sigma_1": 1.0, "sigma_2": 1.0}
@@ -345,3 +346,48 @@ def test_an_impact_elsewhere_parts_what_rests_on_each_other():
         assert (back.wall, back.held) == (0, 0)
         assert back.phase - hit.phase == pytest.approx(0.0, abs=1e-12)
         assert back.velocity == pytest.approx(1.5 * hit.velocity, rel=1e-12)
+
+
+TWINS = """
+name = "twins"
+[model]
+system = "linear"
+coordinates = ["x", "y"]
+mass = [1, 1]
+damping = [0.1, 0.1]
+stiffness = [["1 + c", "-c"], ["-c", "1 + c"]]
+force = ["cos(w*t)", "cos(w*t)"]
+period = "2*pi/w"
+[model.guards]
+A = { within = "x <= s", restitution = "r" }
+B = { within = "y <= s", restitution = "r" }
+[model.parameters]
+c = 0.3
+w = 1.3
+s = 0.3
+r = 0.0
+[follow]
+parameter = "w"
+range = [0.3, 2.0]
+orbits = ["AB"]
+"""
+
+
+@pytest.mark.parametrize(
+    ("w", "s", "r", "word"),
+    [(1.3, 0.3, 0.0, "A*B*"), (0.6, 0.1, 0.3, "AB" * 16 + "A*B*"), (0.6, 0.1, 0.6, "ABABABAB")],
+)
+def test_two_that_hit_and_part_at_once_move_as_one(w, s, r, word):
+    """Released together, neither hits again, and neither stays; and the word does not change."""
+    model = read_scene(tomllib.loads(TWINS)).model.replace(w=w, s=s, r=r)
+    both, one = Simulator(model), Simulator(Oscillator(a=1, omega=w, c=0.1, k=1, sigma=s, r=r))
+    start = both.start(0.1, [-0.2, -0.2], [0.0, 0.0])
+    rows = both.run(start, impacts=150).states()
+    alone = one.run(one.start(0.1, -0.2, 0.0), impacts=200).states()
+    times = np.array([row.turns * one.period + row.phase for row in alone])
+    for row in rows[1:]:
+        k = np.argmin(np.abs(times - row.turns * one.period - row.phase))
+        assert times[k] == pytest.approx(row.turns * one.period + row.phase, abs=1e-12)
+        assert alone[k].velocity == pytest.approx(row.velocity, abs=1e-12)
+    found = settle(both, start, QUICK)
+    assert (found.word, found.period) == (word, 1)
