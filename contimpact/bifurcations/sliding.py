@@ -516,7 +516,7 @@ def _quiet_orbit(here: Linearisation, impact: int) -> tuple[OrbitProblem, Array]
     if any(
         t is not None and t.wall == wall and abs(t.gap) < TOUCHING_WHILE_VANISHING for t in touches
     ):
-        return quiet, found.unknowns  # type: ignore[union-attr]
+        return quiet.first_lap(found.unknowns)  # type: ignore[union-attr]
     return None
 
 

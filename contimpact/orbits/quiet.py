@@ -193,9 +193,10 @@ class FreePeriodProblem(WithoutForcing):
 TURNING_SAMPLES = 512
 """Instants at which it is seen when a coordinate turns."""
 
-STILL, MOST_LAPS = 1e-6, 8
-"""The acceleration, and the residual of a part of its period, below which an orbit rests or repeats
-another, as parts of the state; and the largest number of laps that is looked for."""
+STILL, SAME_LAP, MOST_LAPS = 1e-6, 1e-7, 8
+"""The acceleration below which an orbit rests, as a part of the state; the relative residual of a
+part of its period below which it repeats another; and the most laps that are looked for where the
+period is free."""
 
 
 def problem_of(model: Model, word: Word, kernels: Kernels) -> OrbitProblem:
@@ -352,6 +353,16 @@ class QuietProblem(OrbitProblem):
         ends = (length, arriving, 0.0, 0.0)
         return excursions(motion, state, values, *ends, breaks, 0.0, math.inf)
 
+    def first_lap(self, unknowns: Array) -> tuple[QuietProblem, Array]:
+        """Return an orbit as one of its shortest period, itself if it repeats none."""
+        shorter = (QuietProblem(self.model, w, self.kernels) for w in self.word.repeated())
+        return next((one for one in shorter if one.solved_by(unknowns)), self), unknowns
+
+    def solved_by(self, unknowns: Array) -> bool:
+        """Whether unknowns are those of an orbit."""
+        sizes = self.residual_sizes(self.scale(unknowns, 1.0))
+        return bool(np.all(np.abs(self.evaluate(unknowns).residual) < SAME_LAP * sizes))
+
     def second_lap(self, unknowns: Array, moved: Array) -> tuple[Array, Array]:
         """Return an orbit run twice and its direction, from those of one lap and the next one's
         being opposite."""
@@ -436,6 +447,15 @@ class FreeQuietProblem(WithoutForcing, QuietProblem):
         moved[1 :: self.m] = 0.0
         return moved
 
+    def first_lap(self, unknowns: Array) -> tuple[QuietProblem, Array]:
+        """Return an orbit run once, of up to `MOST_LAPS` laps."""
+        for laps in range(MOST_LAPS, 1, -1):
+            once = unknowns.copy()
+            once[1] /= laps
+            if self.solved_by(once):
+                return self, once
+        return self, unknowns
+
     def second_lap(self, unknowns: Array, moved: Array) -> tuple[Array, Array]:
         """Return an orbit run twice and its direction: the period does not move."""
         unknowns, moved = unknowns.copy(), moved.copy()
@@ -475,11 +495,8 @@ class FreeQuietProblem(WithoutForcing, QuietProblem):
         """Whether an orbit is one from where the first coordinate is largest, run once, and no
         equilibrium."""
         span, size = self.span(unknowns), max(1.0, float(np.max(np.abs(self.state(unknowns)))))
-        if not (span > 0.0 and self.turning(unknowns) < -STILL * size):
-            return False
-        parts = (unknowns[1] / times for times in range(2, MOST_LAPS + 1))
-        shorter = (np.insert(np.delete(unknowns, 1), 1, part) for part in parts)
-        return all(self.evaluate(z).largest_residual > STILL * size for z in shorter)
+        moving = span > 0.0 and self.turning(unknowns) < -STILL * size
+        return moving and self.first_lap(unknowns)[1] is unknowns
 
     def scale(self, unknowns: Array, span: ArrayLike) -> Array:
         """Return natural sizes of the unknowns, by which arclength is measured."""

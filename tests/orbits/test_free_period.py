@@ -31,6 +31,8 @@ integrated = pytest.mark.skipif(
 )
 VALUES = {"a": 0.0, "omega": 1.0, "c": -0.1, "k": 1.0, "sigma": 1.0, "r": 0.8}
 BELT = {"a": 0.0, "omega": 1.0, "c": 0.2, "mu_0": 1.0, "delta": 3.0, "period": "free"}
+VAN_DER_POL = 6.66328685932313
+"""The period of the van der Pol oscillator's cycle, by SciPy's DOP853."""
 TIGHT = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-14}
 
 
@@ -483,3 +485,26 @@ def test_a_period_without_bound():
 
     c = brentq(returns, -0.0795, -0.0782, xtol=1e-12)
     assert end.value == pytest.approx(c, abs=1e-6)
+
+
+@integrated
+@pytest.mark.full
+def test_a_cycle_born_without_impacts_is_run_once():
+    """An orbit that passes its wall in the second lap of the van der Pol cycle touches it at the V
+    in all laps; a branch of each number of laps was followed from there."""
+    table = {
+        "system": "hybrid",
+        "period": 6.0,
+        "parameters": {"m": 1.0, "d": 1.2, "r": 0.8},
+        "modes": {"free": {"x": "v", "v": "m*(1 - x**2)*v - x"}},
+        "guards": {"S": {"within": "x <= d", "set": {"v": "-r*v"}}},
+    }
+    asked = {"parameter": "d", "range": [1.0, 2.2], "orbits": ["S"]}
+    model = ci.read_scene({"name": "v", "model": table, "follow": asked}).model
+    orbit = next(o for o in ci.find_orbits(model, "S", parameter="d") if 9.0 < o.period < 15.0)
+    (vanishing,) = ci.continue_orbit(orbit, "d", (1.0, 2.2), events=["V"]).events
+    assert vanishing.orbit().period == pytest.approx(2.0 * VAN_DER_POL, rel=1e-12)
+    born = ci.continue_born(vanishing, model, (1.9, 2.2), events=["G"])
+    assert born.orbit(0).period == pytest.approx(VAN_DER_POL, rel=1e-12)
+    (grazing,) = born.events
+    assert grazing.value == pytest.approx(vanishing.value, rel=1e-13)
