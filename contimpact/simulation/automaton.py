@@ -60,8 +60,7 @@ from .run import (
     Setting,
     State,
     columns_of,
-    join_all,
-    join_columns,
+    join_parts,
     wall_into,
     wrap_time,
 )
@@ -568,7 +567,7 @@ class Automaton:
 
     def joined(self, parts: Sequence[Sequence[Any]]) -> dict[str, Array]:
         """Return the columns of a run from those of its parts."""
-        return join_all(parts, 2 * self.size - 2)
+        return join_parts(parts, 2 * self.size - 2)
 
     def random(self, generator: np.random.Generator) -> State:
         """Return an impact at random; see `random_impact`."""
@@ -580,10 +579,10 @@ class Automaton:
 
     def make(
         self, state: State, span: tuple[int, int], asked: int, record: bool, fastest: float
-    ) -> tuple[State, Outcome, int, list[Any]]:
-        """Make so many rows, up to some turn, unless the run ends before, or runs away.
+    ) -> tuple[State, Outcome, int, list[list[Any]]]:
+        """Make so many rows at most, up to some turn, unless the run ends before, or runs away.
 
-        Returns the last state, why the run ended, the number of rows, and their columns.
+        Returns the last state, why the run ended, the number of rows, and their columns in parts.
         """
         most, last = span
         parts: list[list[Any]] = []
@@ -612,7 +611,7 @@ class Automaton:
             state, made = found, made + 1
             if record:
                 rows.append(state)
-        return state, outcome, made, join_columns([*parts, columns_of(rows)], 2 * self.size - 2)
+        return state, outcome, made, [*parts, columns_of(rows)]
 
     def batch(self, asked: int) -> Call | None:
         """Return compiled code for many motions; None if there is none, or it does not pay."""

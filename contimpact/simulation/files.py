@@ -52,7 +52,7 @@ from ..storage import (
     write_text,
 )
 from .attractor import Attractor, Kind
-from .run import Outcome, Run, State
+from .run import RUN_COLUMNS, WIDER, Outcome, Run, State
 from .sweep import WRITTEN, Row, Sweep, table_of
 
 if TYPE_CHECKING:
@@ -432,15 +432,8 @@ def _orbit_record(orbit: Orbit) -> dict[str, Any]:
     return about | word | {"unknowns": orbit.unknowns.tolist()}
 
 
-COLUMNS: dict[str, Any] = {"walls": np.int8, "turns": np.int64, "phases": float}
-COLUMNS |= {"velocities": float, "released": bool, "others": float, "held": np.int64}
-
-WIDER = ("others", "held")
-"""Columns of several coordinates, empty for one."""
-
-
 def _run_record(run: Run) -> dict[str, Any]:
-    columns = {name: getattr(run, name).tolist() for name in COLUMNS}
+    columns = {name: getattr(run, name).tolist() for name in RUN_COLUMNS}
     states = {"end": run.end, "left": run.left}
     kept = {name: None if s is None else dataclasses.asdict(s) for name, s in states.items()}
     about = {"letters": list(run.letters), "period": run.period, "outcome": run.outcome.name}
@@ -450,7 +443,7 @@ def _run_record(run: Run) -> dict[str, Any]:
 def _run(record: Mapping[str, Any]) -> Run:
     """A run; its columns have a row each for the same impacts."""
     columns: dict[str, Any] = {
-        name: np.array(record[name], dtype=kind) for name, kind in COLUMNS.items()
+        name: np.array(record[name], dtype=kind) for name, kind in RUN_COLUMNS.items()
     }
     if not columns["others"].size:
         columns["others"] = columns["others"].reshape(len(record["others"]), 0)

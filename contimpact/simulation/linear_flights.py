@@ -27,7 +27,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..arrays import INTEGERS, VECTOR, Array, Vector
-from ..segments.compiling import timed_plainly
 from ..segments.flight import hit_between
 from ..segments.linear_flow import Shape, generator_of, mean_of, scales_of
 from ..segments.segment import Kernel
@@ -490,7 +489,4 @@ class LinearRuns(Runs):
     def make_plainly(self, at: Any, when: Any, columns: Sequence[Any], span: Any) -> int:
         fly = functools.partial(fly_linear, self.leave)
         given: Any = ([0.0] * space_of(self.flights), at, when, *columns, span)
-        with timed_plainly(self.engine.identity):
-            made = make_flights(fly, self.flights, *given)
-        self.engine.plain += made
-        return made
+        return make_flights(fly, self.flights, *given)

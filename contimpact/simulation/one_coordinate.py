@@ -24,8 +24,6 @@ from ..segments.layout import Family
 from ..segments.segment import ARRAYS, Kernel, evaluate_in, neighbouring_guards
 from .flights import FlightInState, first_hit, fly_in_time, motion_at
 from .run import (
-    DTYPES,
-    OUTCOMES,
     Body,
     Call,
     Engine,
@@ -34,11 +32,10 @@ from .run import (
     OutsideError,
     Runs,
     State,
-    array,
     coefficient,
     formulas,
     hold_of,
-    join_runs,
+    join_parts,
     make_impacts,
     pressing_at,
     slow_velocity,
@@ -77,13 +74,6 @@ def entry({fields}, state, when, walls, turns, phases, velocities, released, spa
 """
 
 
-def engine_of(motions: Sequence[Kernel]) -> Engine:
-    """Return the engine for these motions; simulators of the same formulas share it."""
-    identity = ("simulate", *formulas(motions))
-    build = functools.partial(program_of, motions)
-    return Engine.of(identity, ARGUMENTS, build)
-
-
 def program_of(motions: Sequence[Kernel]) -> Program:
     """Return the program that simulates from impact to impact."""
     from ..segments.machine_code import Program
@@ -100,6 +90,32 @@ def program_of(motions: Sequence[Kernel]) -> Program:
     entry = ENTRY.format(fields=", ".join(Body._fields))
     program.glue(entry, fly_in_time=fly_in_time, make_impacts=make_impacts)
     return program
+
+
+class ImpactRuns(Runs):
+    """Runs by the fast loop, plainly or compiled; plainly alone if the acceleration depends on the
+    state: compiled code does not find its zeros."""
+
+    fields, columns, size = BODY, ROW, 1
+
+    def __init__(
+        self,
+        body: Body,
+        motions: Sequence[Kernel],
+        motion: Callable[..., Any],
+        fly: Callable[..., Any],
+        in_time: bool,
+    ) -> None:
+        self.flights, self.motion, self.fly = body, motion, fly
+        identity, build = ("simulate", *formulas(motions)), functools.partial(program_of, motions)
+        self.engine = Engine.of(identity, ARGUMENTS, build) if in_time else Engine((), "", None)
+
+    def room(self) -> list[Array]:
+        return []
+
+    def make_plainly(self, at: Any, when: Any, columns: Sequence[Any], span: Any) -> int:
+        given: Any = (self.flights, at, when, *columns, span)
+        return make_impacts(self.fly, self.motion, *given)
 
 
 # The derivative of the map from one impact to the next.
@@ -219,11 +235,6 @@ class OneCoordinate:
             longest=[self.longest],
         )
 
-    @functools.cached_property
-    def _arrays(self) -> list[Array]:
-        """The same as arrays, for compiled code."""
-        return [array(numbers, kind) for numbers, kind in zip(self.body, BODY, strict=True)]
-
     @property
     def fastest(self) -> float:
         """The velocity that half a period of the largest acceleration gives."""
@@ -241,7 +252,7 @@ class OneCoordinate:
         """Return whether a body at rest on a wall is pressed against it, and for how long."""
         return pressing_at(self.body, wall, phase)
 
-    @property
+    @functools.cached_property
     def _fly(self) -> Callable[..., Any]:
         """The flight as `make_impacts` calls it."""
         if self.zeros is None:
@@ -351,67 +362,47 @@ class OneCoordinate:
 
     # Runs.
 
+    @functools.cached_property
+    def loop(self) -> ImpactRuns:
+        """The fast loop."""
+        about = self.body, self.motions, self._motion, self._fly
+        return ImpactRuns(*about, in_time=self.zeros is not None)
+
     def joined(self, parts: Sequence[Sequence[Any]]) -> dict[str, Array]:
         """Return the columns of a run from those of its parts."""
-        return join_runs(parts)
+        return join_parts(parts)
 
     def make(
         self, state: State, span: tuple[int, int], asked: int, record: bool, fastest: float
-    ) -> tuple[State, Outcome, int, list[Any]]:
-        """Make so many rows, up to some turn, unless the run ends before, or runs away.
+    ) -> tuple[State, Outcome, int, list[list[Any]]]:
+        """Make so many rows at most, up to some turn, unless the run ends before, or runs away.
 
-        Returns the last state, why the run ended, the number of rows, and their columns.
+        Returns the last state, why the run ended, the number of rows, and their columns in parts.
         """
-        if self._runs is None:
-            return self._make(state, span, asked, record, fastest)
         most, last = span
+        if self._runs is None:
+            state, found, made, columns = self.loop.make(state, span, asked, record, fastest)
+            return state, found or Outcome.DONE, made, [columns]
         parts: list[list[Any]] = []
         made, outcome = 0, Outcome.DONE
         while outcome is Outcome.DONE and made < most and state.turns < last:
             given = (most - made, last), asked, record, fastest
             state, found, count, columns = self._runs.make(state, *given)
-            parts.append(columns[: len(ROW)])
-            made += count
-            if found is not None:
-                outcome = found
-                continue
-            with timed_plainly(self._runs.engine.identity):
-                state, outcome, count, columns = self._make(state, (1, last), 1, record, fastest)
-            self._runs.engine.plain += count
             parts.append(columns)
             made += count
-        return state, outcome, made, [np.concatenate(one) for one in zip(*parts, strict=True)]
-
-    def _make(
-        self, state: State, span: tuple[int, int], asked: int, record: bool, fastest: float
-    ) -> tuple[State, Outcome, int, list[Any]]:
-        """The same by the fast loop."""
-        fast = self._engine.program(asked) if self._engine else None
-        rows = span[0] if record else 0
-        columns: list[Any] = [np.empty(rows, DTYPES[k]) if fast else [0] * rows for k in ROW]
-        at: Any = [int(state.wall), int(state.turns), 0]
-        when: Any = [float(state.phase), float(state.velocity), fastest]
-        if fast:
-            at, when = array(at, INTEGERS), array(when, VECTOR)
-            count = fast(*self._arrays, at, when, *columns, array(span, INTEGERS))
-        else:
-            with timed_plainly(self._engine.identity if self._engine else ()):
-                given = (at, when, *columns, span)
-                count = make_impacts(self._fly, self._motion, self.body, *given)
-            if self._engine:
-                self._engine.plain += count
-        end = State(int(at[0]), float(when[0]), float(when[1]), int(at[1]))
-        return end, OUTCOMES[at[2]], count, [column[:count] for column in columns]
+            if found is None:
+                with timed_plainly(self._runs.engine.identity):
+                    one = (1, last), 1, record, fastest
+                    state, found, count, columns = self.loop.make(state, *one)
+                self._runs.engine.plain += count
+                parts.append(columns)
+                made += count
+            outcome = found or Outcome.DONE
+        return state, outcome, made, parts
 
     def batch(self, asked: int) -> Call | None:
         """Return compiled code for many motions; None where the work is not worth it."""
-        if self._runs is not None:
-            return self._runs.batch(asked)
-        fast = self._engine.program(asked) if self._engine else None
-        if fast is None:
-            return None
-        none = [np.empty(0, DTYPES[kind]) for kind in ROW]
-        return lambda at, when, limits: fast(*self._arrays, at, when, *none, limits)
+        return (self._runs or self.loop).batch(asked)
 
     @property
     def dear(self) -> bool:
@@ -429,8 +420,3 @@ class OneCoordinate:
             return None
         about = self.restitution, self.body.slow, self.period, self.longest
         return IntegratedRuns(self.kernels, self.values, self.positions, *about)
-
-    @functools.cached_property
-    def _engine(self) -> Engine | None:
-        """None if the acceleration depends on the state: compiled code does not find its zeros."""
-        return None if self.zeros is None else engine_of(self.motions)

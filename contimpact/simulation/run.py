@@ -18,7 +18,7 @@ from ..display import NotebookResult, ParameterItems, Summary, frame, limit_line
 from ..errors import InputError
 from ..models.guards import pivot, slides_at
 from ..models.model import Model
-from ..segments.compiling import CompiledProgram, load, mode
+from ..segments.compiling import CompiledProgram, load, mode, timed_plainly
 from ..segments.kernels import Kernels
 from ..segments.segment import ELSEWHERE, Kernel, Passages
 from ..segments.touches import margin
@@ -219,19 +219,35 @@ def states_of(columns: Sequence[Array]) -> list[State]:
     ]
 
 
-def join_runs(parts: Sequence[Sequence[Any]]) -> dict[str, Array]:
-    """Return the columns of a run, walls to releases, from those of its parts, by name."""
+RUN_COLUMNS: Mapping[str, Any] = {
+    "walls": np.int8,
+    "turns": np.int64,
+    "phases": float,
+    "velocities": float,
+    "released": bool,
+    "others": float,
+    "held": np.int64,
+}
+"""Kinds of the columns of a run, in the order in which its parts have them."""
+WIDER = ("others", "held")
+"""Columns of several coordinates, empty for one."""
 
-    def column(i: int, kind: Any) -> Array:
-        return np.concatenate([np.zeros(0, kind), *(np.asarray(part[i], kind) for part in parts)])
 
-    kinds = (np.int8, np.int64, float, float, bool)
-    names = ("walls", "turns", "phases", "velocities", "released")
-    return {name: column(i, kind) for i, (name, kind) in enumerate(zip(names, kinds, strict=True))}
+def join_parts(parts: Sequence[Sequence[Any]], width: int | None = None) -> dict[str, Array]:
+    """Return the columns of a run from those of its parts; `width` is the number of the other
+    section coordinates, None for one coordinate."""
+    found = {}
+    for place, (name, kind) in enumerate(RUN_COLUMNS.items()):
+        if width is not None or name not in WIDER:
+            row = (width or 0,) if name == "others" else ()
+            each = [part[place] for part in parts]
+            pieces = [np.array(one, kind).reshape(len(one), *row) for one in each]
+            found[name] = np.concatenate([np.zeros((0, *row), kind), *pieces])
+    return found
 
 
 def columns_of(rows: Sequence[State]) -> list[Any]:
-    """Return the columns of rows that are states, as `join_runs` takes them."""
+    """Return the columns of rows that are states, as `join_parts` takes them."""
     return [
         [state.wall for state in rows],
         [state.turns for state in rows],
@@ -241,25 +257,6 @@ def columns_of(rows: Sequence[State]) -> list[Any]:
         [state.others for state in rows],
         [state.held for state in rows],
     ]
-
-
-def join_columns(parts: Sequence[Sequence[Any]], width: int) -> list[Any]:
-    """Return the columns of parts of a run as those of the whole, for so many other coordinates."""
-    parts = [part for part in parts if len(part[0])] or parts[-1:]
-    if len(parts) == 1:
-        return list(parts[0])
-    return list(join_all(parts, width).values())
-
-
-def join_all(parts: Sequence[Sequence[Any]], width: int) -> dict[str, Array]:
-    """Return the same with the other coordinates and the walls held."""
-    others = [np.array(part[5], dtype=float).reshape(len(part[5]), width) for part in parts]
-    held = [np.array(part[6], dtype=np.int64) for part in parts]
-    return {
-        **join_runs(parts),
-        "others": np.concatenate([np.zeros((0, width)), *others]),
-        "held": np.concatenate([np.zeros(0, np.int64), *held]),
-    }
 
 
 # Arrivals at a switching surface: where the motion slides, and where it goes through.
@@ -667,10 +664,11 @@ def array(numbers: Sequence[float], kind: str) -> Array:
 
 
 class Engine:
-    """Compiled code for all simulators with the same formulas; arguments as of `compiling.load`."""
+    """Compiled code for all simulators with the same formulas; arguments as of `compiling.load`,
+    without `build` there is none."""
 
     def __init__(
-        self, identity: tuple[str, ...], arguments: str, build: Callable[[], Program]
+        self, identity: tuple[str, ...], arguments: str, build: Callable[[], Program] | None
     ) -> None:
         self.identity, self.arguments, self.build = identity, arguments, build
         self.found: CompiledProgram | None = None
@@ -684,7 +682,7 @@ class Engine:
     def program(self, asked: int) -> CompiledProgram | None:
         """Return the compiled program if there is one and so many impacts are worth loading it."""
         chosen = mode()
-        if chosen == "never":
+        if chosen == "never" or self.build is None:
             return None
         if self.found is None and (chosen == "always" or asked + self.plain >= WORTH):
             self.plain = 0
@@ -801,6 +799,8 @@ class Runs(ABC):
     engine: Engine
     size: int
     """Section coordinates."""
+    columns: ClassVar[str] = COLUMNS
+    """Kinds of the columns that are filled."""
     dear: ClassVar[bool] = False
     """Whether flights take long: fewer are made at once, so that interruptions come through."""
 
@@ -826,12 +826,7 @@ class Runs(ABC):
         most, last = span
         if self.dear or not fast:
             most, last = min(most, FEW), min(last, state.turns + FEW)
-        rows = most if record else 0
-        shapes = (rows, rows, rows, rows * self.size)
-        columns: list[Any] = [
-            np.empty(n, DTYPES[kind]) if fast else [0] * n
-            for n, kind in zip(shapes, COLUMNS, strict=True)
-        ]
+        columns = self.empty(fast is not None, most if record else 0)
         at: Any = [int(state.wall), int(state.turns), 0]
         when: Any = [float(state.phase), *(float(y) for y in state.section), fastest]
         if fast:
@@ -839,23 +834,33 @@ class Runs(ABC):
             limits = array((most, last), INTEGERS)
             made = fast(*self._arrays, *self.room(), at, when, *columns, limits)
         else:
-            made = self.make_plainly(at, when, columns, (most, last))
+            with timed_plainly(self.engine.identity):
+                made = self.make_plainly(at, when, columns, (most, last))
+            self.engine.plain += made
         section = tuple(float(y) for y in when[1:-1])
         end = State(int(at[0]), float(when[0]), section[0], int(at[1]), section[1:])
         outcome = None if at[2] == LEFT else OUTCOMES[at[2]]
         return end, outcome, made, self._columns(columns, made if record else 0)
+
+    def empty(self, fast: bool, rows: int) -> list[Any]:
+        """Return columns to be filled, of so many rows."""
+        sizes = [rows * self.size if place == 3 else rows for place in range(len(self.columns))]
+        pairs = zip(sizes, self.columns, strict=True)
+        return [np.empty(size, DTYPES[kind]) if fast else [0] * size for size, kind in pairs]
 
     def batch(self, asked: int) -> Call | None:
         """Return compiled code for many motions; None where the work is not worth it."""
         fast = self.engine.program(asked)
         if fast is None:
             return None
-        none = [np.empty(0, DTYPES[kind]) for kind in COLUMNS]
+        none = self.empty(True, 0)
         return lambda at, when, limits: fast(*self._arrays, *self.room(), at, when, *none, limits)
 
     def _columns(self, columns: Sequence[Any], made: int) -> list[Any]:
-        """The columns in the order of `run.columns_of`."""
-        walls, turns, phases = (np.asarray(column[:made]) for column in columns[:3])
-        sections = np.asarray(columns[3][: made * self.size], float).reshape(made, self.size)
+        """The columns of so many rows, as `join_parts` takes them."""
+        walls, turns, phases, found, *released = columns
+        sections = np.asarray(found[: made * self.size], float).reshape(made, self.size)
         none = np.zeros(made, np.int64)
-        return [walls, turns, phases, sections[:, 0], none > 0, sections[:, 1:], none]
+        left = released[0][:made] if released else none
+        kept = walls[:made], turns[:made], phases[:made]
+        return [*kept, sections[:, 0], left, sections[:, 1:], none]

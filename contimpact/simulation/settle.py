@@ -448,11 +448,6 @@ def _rows(cycle: Cycle, period: float) -> list[State]:
 # Attractors made of cycles: the word from its first rotation on, its notation, its gaps.
 
 
-def parameters(simulator: Simulator) -> dict[str, float]:
-    """Return every parameter and derived parameter of a simulated model."""
-    return {**simulator.model.values, **simulator.derived}
-
-
 def periodic(
     simulator: Simulator, cycle: Cycle, distance: float = 0.0, periods: int = 0
 ) -> Attractor:
@@ -470,7 +465,7 @@ def periodic(
         smallest = _smallest_gap(simulator, word, cycle)
     return Attractor(
         Kind.STICKING if sticks else Kind.PERIODIC,
-        parameters(simulator),
+        simulator.parameters,
         notation,
         simulator.period,
         word,
@@ -699,7 +694,7 @@ def _attractor_of_end(simulator: Simulator, run: Run) -> Attractor:
         mode = simulator.model.WALLS[run.left.wall].next_mode
         return without_impact(simulator, mode, run.left)
     kind = _ENDS[run.outcome]
-    return Attractor(kind, parameters(simulator), kind.value, simulator.period, state=run.end)
+    return Attractor(kind, simulator.parameters, kind.value, simulator.period, state=run.end)
 
 
 def without_impact(simulator: Simulator, mode: str = "", left: State | None = None) -> Attractor:
@@ -711,7 +706,7 @@ def without_impact(simulator: Simulator, mode: str = "", left: State | None = No
     kind = Kind.NO_IMPACT
     named = f"{kind.value} ({mode})" if mode in modes[1:] else kind.value
     motion = free_motion(simulator, mode, left)
-    known = parameters(simulator)
+    known = simulator.parameters
     return Attractor(kind, known, named, simulator.period, mode=mode, motion=motion)
 
 
@@ -755,7 +750,7 @@ def _unsettled_motion(
     last = slice(-KEPT, None)
     return Attractor(
         Kind.COMPLEX if is_complex else Kind.NOT_SETTLED,
-        parameters(simulator),
+        simulator.parameters,
         f"{counts}/C" if is_complex else Kind.NOT_SETTLED.value,
         simulator.period,
         walls=run.walls[last],

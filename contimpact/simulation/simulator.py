@@ -307,8 +307,8 @@ class Simulator(ParameterItems):
         made, outcome, size = 0, Outcome.DONE, CHUNK if impacts is not None else FEW
         while outcome is Outcome.DONE and made < most and state.turns < last:
             span = min(size, most - made), min(last, state.turns + CHUNK)
-            state, outcome, count, columns = self.machine.make(state, span, asked, record, fastest)
-            parts.append(columns)
+            state, outcome, count, made_of = self.machine.make(state, span, asked, record, fastest)
+            parts += made_of if record else ()
             made, size = made + count, min(4 * size, CHUNK)
         nowhere = Outcome.NO_IMPACT, Outcome.RUNAWAY, Outcome.UNDEFINED
         end = None if outcome in nowhere else state

@@ -533,9 +533,8 @@ def basins(
                 callback(part.stop, m * n)
     except KeyboardInterrupt:
         interrupted = True
-    parameters = {**simulator.model.values, **simulator.derived}
     number = simulator.letters.index(letter)
-    about = (letter, number, parameters, phases, velocities, labels, found, others)
+    about = (letter, number, simulator.parameters, phases, velocities, labels, found, others)
     return Basins(*about, interrupted)
 
 

@@ -667,7 +667,7 @@ def test_a_run_may_go_on_compiled(pair, simulator_of, plain_and_compiled, monkey
     simulator, start = simulator_of(pair(s=0.3631)), State(0, 0.14, 0.686)
     plain, _ = plain_and_compiled(lambda: simulator.run(start, impacts=5000))
     monkeypatch.setattr(simulate, "CHUNK", 700)
-    engine = simulator.machine._engine
+    engine = simulator.machine.loop.engine
     monkeypatch.setattr(
         engine, "program", lambda asked, found=engine.found: found if engine.plain >= 1400 else None
     )
