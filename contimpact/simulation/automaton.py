@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -25,11 +25,10 @@ from ..errors import InputError
 from ..models.guards import pivot, state_before
 from ..models.model import Model
 from ..segments.compiling import timed_plainly
-from ..segments.derivatives import Series, series
 from ..segments.flight import first_hit
 from ..segments.kernels import Kernels
 from ..segments.linear_flow import Shape, generator_of
-from ..segments.segment import ARRAYS, ELSEWHERE, FLOATS, evaluate_in
+from ..segments.segment import ARRAYS, ELSEWHERE, evaluate_in
 from ..segments.track import Pieces, Track
 from .flights import (
     LEAST,
@@ -40,6 +39,7 @@ from .flights import (
     LinearMotion,
     LinearWindow,
     Window,
+    jump_derivative,
     linear_windows,
     until_repeated,
     windows,
@@ -65,138 +65,14 @@ from .run import (
     wrap_time,
 )
 
-# Starts anywhere within the guards of a mode; what lies elsewhere is refused.
-
-
-def check_start(automaton: Automaton, position: Sequence[float], mode: str) -> int:
-    """Return a guard that leads into the mode of a start.
-
-    Raises InputError if there is no such mode, if its flights are not known from anywhere, or if
-    the start lies beyond one of its guards.
-    """
-    wall = wall_into(automaton.kernels.model, mode)
-    if not automaton.linear[wall]:
-        found = f"the flights of {automaton.kernels.model.SYSTEM} are known from guards on"
-        raise InputError("position", found, "start at a guard")
-    for k, row in enumerate(automaton.rows):
-        guard = automaton.guards[k]
-        if automaton.passages.watched[wall][k]:
-            gap = guard.side * (automaton.positions[k] - float(row @ np.array(position)))
-            if not gap >= 0.0:
-                raise _outside_error(automaton, list(position), guard.name, mode)
-    return wall
-
-
-def _outside_error(
-    automaton: Automaton, position: list[float], guard: str, mode: str
-) -> InputError:
-    """A start beyond a guard of its mode."""
-    if not mode:
-        return OutsideError("position", f"{position} is beyond {guard}", "start within the guards")
-    found = f"{position} is beyond {guard}, at which the mode {mode!r} ends"
-    others = dict.fromkeys(g.next_mode for g in automaton.guards if g.next_mode != mode)
-    named = " or ".join(f"mode={other!r}" for other in others)
-    return OutsideError("position", found, f"start within the guards, or give {named}")
-
-
-# Impacts at random, for systems of several coordinates.
-
 TRIES = 10_000
 PASSING = 100
 """Trials after which a flight that passes a guard at once is taken."""
 GROWTH = 1.01
 """Factor by which the range of positions grows with each trial that lies beyond a guard."""
 
-
-def random_impact(automaton: Automaton, generator: np.random.Generator) -> State:
-    """Return an impact at random: guard, phase, and a state within the guards of its mode, after
-    which no guard is passed at once if there are such.
-
-    Velocities are up to `Automaton.fastest`, positions first up to what that gives in a period.
-    """
-    wall = int(generator.integers(len(automaton.guards)))
-    phase = float(generator.uniform(0.0, automaton.period))
-    speed, side = automaton.fastest, automaton.guards[wall].side
-    reach = 0.1 * speed * automaton.period
-    for attempt in range(TRIES):
-        others = generator.uniform(-1.0, 1.0, 2 * automaton.size - 2)
-        others[::2] *= reach
-        others[1::2] *= speed
-        velocity = side * float(generator.uniform(0.0, speed))
-        section = (velocity, *others.tolist())
-        state = State(wall, phase, velocity, others=section[1:])
-        if not _is_within_guards(automaton, wall, section):
-            reach *= GROWTH
-        elif attempt >= PASSING or _begins(automaton, state):
-            break
-    return state
-
-
-def _begins(automaton: Automaton, state: State) -> bool:
-    """Whether the flight after an impact has values and passes no guard at once."""
-    try:
-        return not automaton.passes(state)
-    except (ArithmeticError, ValueError):
-        return False
-
-
-def _is_within_guards(automaton: Automaton, wall: int, section: tuple[float, ...]) -> bool:
-    """Whether a state before an impact is within the other guards of its mode."""
-    x, _ = automaton.before(wall, section)
-    own = set(automaton.guards[wall].modes)
-    return all(
-        guard.side * (place - row @ np.array(x)) >= 0.0
-        for k, (guard, row, place) in enumerate(
-            zip(automaton.guards, automaton.rows, automaton.positions, strict=True)
-        )
-        if k != wall and own & set(guard.modes)
-    )
-
-
-# The motion between impacts, for pictures.
-
 Piece = tuple[Array, Array, Array]
 """Times, gap coordinates and their velocities."""
-
-
-def path_of(automaton: Automaton, states: Sequence[State], times: Array, points: int) -> Piece:
-    """Return the gap coordinate of every guard from state to state, and their velocities.
-
-    The N states are at `times`; each flight has `points`.
-    """
-
-    def piece(k: int) -> Piece:
-        state, held = states[k], states[k + 1].held
-        length = float(times[k + 1] - times[k])
-        dt = np.linspace(0.0, length, points)
-        linear = automaton.linear[state.wall]
-        x, v = (_linear if linear else _gaps_by_kernels)(automaton, state, held, dt)
-        return times[k] + dt, x, v
-
-    parts = [piece(k) for k in range(len(states) - 1)]
-    t, x, v = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return t, x, v
-
-
-def _linear(automaton: Automaton, state: State, held: int, dt: Array) -> tuple[Array, Array]:
-    d, motion = automaton.size, automaton.flying(state.wall, held)
-    begin, _ = automaton.leave(state)
-    if dt[-1] > 0.0:
-        track = Track(Pieces(motion.shape, motion.numbers, float(dt[-1])), begin)
-        found = np.array([track.at(t) for t in dt.tolist()])
-    else:
-        found = np.tile(begin, (len(dt), 1))
-    rows = np.array(automaton.rows).T
-    return found[:, :d] @ rows, found[:, d : 2 * d] @ rows
-
-
-def _gaps_by_kernels(automaton: Automaton, state: State, _: int, dt: Array) -> tuple[Array, Array]:
-    left = automaton.guards[state.wall].name
-    kernels = (automaton.kernels.gap(left, guard.name) for guard in automaton.guards)
-    head = (state.phase + 0.0 * dt, *(y + 0.0 * dt for y in state.section))
-    moved = [evaluate_in(kernel, ARRAYS)(*head, dt, *automaton.values) for kernel in kernels]
-    return np.array([x for x, _, _ in moved]).T, np.array([v for _, v, _ in moved]).T
-
 
 SLOW = 0.05
 """Flights after an impact slower than this part of the fastest may be short."""
@@ -560,8 +436,13 @@ class Automaton:
         return self.motion(mode, 0) if linear else None
 
     def derivative(self, before: State, after: State) -> Array:
-        """Return the derivative of the map from one row to the next; see `derivative_between`."""
-        return derivative_between(self, before, after)
+        """Return the derivative of the map from one row of a run to the next, shape (2 d, 2 d).
+
+        It is infinite where the velocity of the second vanishes.
+        """
+        simple = not (before.released or after.released or after.held)
+        found = (_segment_jacobian if simple else _linear_jacobian)(self, before, after)
+        return found if np.all(np.isfinite(found)) else np.full(found.shape, np.inf)
 
     # Runs.
 
@@ -570,12 +451,80 @@ class Automaton:
         return join_parts(parts, 2 * self.size - 2)
 
     def random(self, generator: np.random.Generator) -> State:
-        """Return an impact at random; see `random_impact`."""
-        return random_impact(self, generator)
+        """Return an impact at random: guard, phase, and a state within the guards of its mode,
+        after which no guard is passed at once if there are such.
 
-    def path(self, states: Sequence[State], times: Array, points: int) -> Any:
-        """Return every gap coordinate and its velocity from row to row; see `path_of`."""
-        return path_of(self, states, times, points)
+        Velocities are up to `fastest`, positions first up to what that gives in a period.
+        """
+        wall = int(generator.integers(len(self.guards)))
+        phase = float(generator.uniform(0.0, self.period))
+        speed, side = self.fastest, self.guards[wall].side
+        reach = 0.1 * speed * self.period
+        for attempt in range(TRIES):
+            others = generator.uniform(-1.0, 1.0, 2 * self.size - 2)
+            others[::2] *= reach
+            others[1::2] *= speed
+            velocity = side * float(generator.uniform(0.0, speed))
+            section = (velocity, *others.tolist())
+            state = State(wall, phase, velocity, others=section[1:])
+            if not self._is_within_guards(wall, section):
+                reach *= GROWTH
+            elif attempt >= PASSING or self._begins(state):
+                break
+        return state
+
+    def _begins(self, state: State) -> bool:
+        """Whether the flight after an impact has values and passes no guard at once."""
+        try:
+            return not self.passes(state)
+        except (ArithmeticError, ValueError):
+            return False
+
+    def _is_within_guards(self, wall: int, section: tuple[float, ...]) -> bool:
+        """Whether a state before an impact is within the other guards of its mode."""
+        x, own = np.array(self.before(wall, section)[0]), set(self.guards[wall].modes)
+        return all(
+            guard.side * (place - row @ x) >= 0.0
+            for k, (guard, row, place) in enumerate(
+                zip(self.guards, self.rows, self.positions, strict=True)
+            )
+            if k != wall and own & set(guard.modes)
+        )
+
+    def path(self, states: Sequence[State], times: Array, points: int) -> Piece:
+        """Return the gap coordinate of every guard from state to state, and their velocities.
+
+        The N states are at `times`; each flight has `points`.
+        """
+        parts = []
+        for k in range(len(states) - 1):
+            state, length = states[k], float(times[k + 1] - times[k])
+            dt = np.linspace(0.0, length, points)
+            if self.linear[state.wall]:
+                x, v = self._gaps_by_law(state, states[k + 1].held, dt)
+            else:
+                x, v = self._gaps_by_kernels(state, dt)
+            parts.append((times[k] + dt, x, v))
+        t, x, v = (np.concatenate(column) for column in zip(*parts, strict=True))
+        return t, x, v
+
+    def _gaps_by_law(self, state: State, held: int, dt: Array) -> tuple[Array, Array]:
+        d, motion = self.size, self.flying(state.wall, held)
+        begin, _ = self.leave(state)
+        if dt[-1] > 0.0:
+            track = Track(Pieces(motion.shape, motion.numbers, float(dt[-1])), begin)
+            found = np.array([track.at(t) for t in dt.tolist()])
+        else:
+            found = np.tile(begin, (len(dt), 1))
+        rows = np.array(self.rows).T
+        return found[:, :d] @ rows, found[:, d : 2 * d] @ rows
+
+    def _gaps_by_kernels(self, state: State, dt: Array) -> tuple[Array, Array]:
+        left = self.guards[state.wall].name
+        kernels = (self.kernels.gap(left, guard.name) for guard in self.guards)
+        head = (state.phase + 0.0 * dt, *(y + 0.0 * dt for y in state.section))
+        moved = [evaluate_in(kernel, ARRAYS)(*head, dt, *self.values) for kernel in kernels]
+        return np.array([x for x, _, _ in moved]).T, np.array([v for _, v, _ in moved]).T
 
     def make(
         self, state: State, span: tuple[int, int], asked: int, record: bool, fastest: float
@@ -668,7 +617,7 @@ class Automaton:
     ) -> State | None:
         """Return the first impact of a system that starts anywhere, in a mode; None for none."""
         mode = mode or self.first_mode
-        wall = check_start(self, position, mode)
+        wall = self._wall_of_start(position, mode)
         turns = math.floor(time / self.period)
         phase, motion = time - turns * self.period, self.motion(mode, 0)
         begin = motion.embedded(position, velocity, phase)
@@ -679,6 +628,29 @@ class Automaton:
                 at, passed = wrap_time(phase + window.begin + first[0], self.period)
                 return self._through(replace(first[1], phase=at, turns=turns + passed))
         return None
+
+    def _wall_of_start(self, position: Sequence[float], mode: str) -> int:
+        """A guard that leads into the mode of a start; refused where the mode's flights are not
+        known from anywhere, or the start lies beyond one of its guards."""
+        wall, system = wall_into(self.kernels.model, mode), self.kernels.model.SYSTEM
+        if not self.linear[wall]:
+            found = f"the flights of {system} are known from guards on"
+            raise InputError("position", found, "start at a guard")
+        for k, (guard, row) in enumerate(zip(self.guards, self.rows, strict=True)):
+            gap = guard.side * (self.positions[k] - float(row @ np.array(position)))
+            if self.passages.watched[wall][k] and not gap >= 0.0:
+                raise self._outside_error(list(position), guard.name, mode)
+        return wall
+
+    def _outside_error(self, position: list[float], guard: str, mode: str) -> InputError:
+        """A start beyond a guard of its mode."""
+        found, accepted = f"{position} is beyond {guard}", "start within the guards"
+        if not mode:
+            return OutsideError("position", found, accepted)
+        others = dict.fromkeys(g.next_mode for g in self.guards if g.next_mode != mode)
+        named = " or ".join(f"mode={other!r}" for other in others)
+        found += f", at which the mode {mode!r} ends"
+        return OutsideError("position", found, f"{accepted}, or give {named}")
 
 
 # The derivative of the map from one impact, or release, to the next.
@@ -697,24 +669,10 @@ class Automaton:
 # the disturbance onto its surface.
 
 
-def derivative_between(automaton: Automaton, before: State, after: State) -> Array:
-    """Return the derivative of the map from one row of a run to the next, shape (2 d, 2 d).
-
-    It is infinite where the velocity of the second vanishes.
-    """
-    simple = not (before.released or after.released or after.held)
-    found = (_segment_jacobian if simple else _linear_jacobian)(automaton, before, after)
-    return found if np.all(np.isfinite(found)) else np.full(found.shape, np.inf)
-
-
-def _duration(automaton: Automaton, before: State, after: State) -> float:
-    return (after.turns - before.turns) * automaton.period + after.phase - before.phase
-
-
 def _segment_jacobian(automaton: Automaton, before: State, after: State) -> Array:
     names = [automaton.guards[state.wall].name for state in (before, after)]
     start = (before.phase, *before.section)
-    end = (before.phase + _duration(automaton, before, after), *after.section)
+    end = (before.phase + after.since(before, automaton.period), *after.section)
     segment = automaton.kernels.segment(names[0], names[1])
     _, leaving, arriving, _ = segment.blocks(start, end, automaton.values)
     m = len(start)
@@ -731,7 +689,7 @@ def _linear_jacobian(automaton: Automaton, before: State, after: State) -> Array
     begin, _ = automaton.leave(before)
     left = _departure_derivative(automaton, motion, before)
     left = np.column_stack([-motion.rate(begin), left])
-    disturbed = motion.flowed(_duration(automaton, before, after)) @ left
+    disturbed = motion.flowed(after.since(before, automaton.period)) @ left
     row = automaton.rows[after.wall]
     end = motion.embedded(*automaton.before(after.wall, after.section), after.phase)
     late = _delays(motion, after, row, end) @ disturbed
@@ -749,22 +707,12 @@ def _departure_derivative(automaton: Automaton, motion: LinearMotion, before: St
         found = np.array([np.concatenate(unit) for unit in units]).T
     else:
         name = automaton.guards[before.wall].name
-        law = evaluate_in(automaton.kernels.law(name), series(FLOATS))
-        found = np.array(
-            [_state_derivative(law, before, j, automaton.values)[: 2 * d] for j in range(m)]
-        ).T
+        found = jump_derivative(automaton.kernels, name, before, automaton.values)
     if motion.contacts:
         pushed = motion.directions @ np.linalg.pinv(motion.rows @ motion.directions) @ motion.rows
         found[:d] -= pushed @ found[:d]
         found[d:] -= pushed @ found[d:]
     return found
-
-
-def _state_derivative(law: Callable[..., Any], state: State, j: int, values: Any) -> list[float]:
-    """The derivative of the state after an impact by one of the section coordinates before it."""
-    section = [Series([y, float(i == j)]) for i, y in enumerate(state.section)]
-    after = law(Series([state.phase, 0.0]), *section, *values)[3]
-    return [float(e.coefficients[1]) if isinstance(e, Series) else 0.0 for e in after]
 
 
 def _delays(motion: LinearMotion, after: State, row: Array, end: Array) -> Array:

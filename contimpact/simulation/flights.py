@@ -6,12 +6,13 @@ import math
 import types
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from ..arrays import Array
 from ..models.guards import Guard, pivot
+from ..segments.derivatives import Series, series
 from ..segments.flight import (
     breaks_of,
     chebyshev_coefficients,
@@ -26,7 +27,7 @@ from ..segments.kernels import Kernels
 from ..segments.layout import Family
 from ..segments.linear_flow import Shape, flow
 from ..segments.oscillation import Motion
-from ..segments.segment import ARRAYS, Arithmetic, Kernel, evaluate_in
+from ..segments.segment import ARRAYS, FLOATS, Arithmetic, Kernel, evaluate_in
 from ..segments.track import IntegratedCurve, IntegratedTrack, Pieces, Track
 from .run import Body, State
 
@@ -356,35 +357,6 @@ SHORTEST = 0.125
 """The first window of flights that may be short, in periods."""
 
 
-class Window(Protocol):
-    """A part of a flight: its first time, since the flight's start, and its duration."""
-
-    @property
-    def begin(self) -> float: ...
-    @property
-    def length(self) -> float: ...
-
-    def coordinate(self, guard: Guard) -> Coordinate:
-        """Return how a guard's gap coordinate moves; times count from the window's beginning."""
-        ...
-
-    def beginning(self, guard: Guard) -> tuple[float, float]:
-        """Return a guard's gap coordinate and its velocity at the window's beginning."""
-        ...
-
-    def bounds(self, guard: Guard) -> tuple[float, float]:
-        """Return bounds of a guard's gap coordinate in the window, wide ones if need be."""
-        ...
-
-    def section(self, guard: Guard, dt: float, speed: float) -> tuple[float, ...]:
-        """Return the section coordinates at a guard, from the gap coordinate's velocity there."""
-        ...
-
-    def release(self) -> tuple[float, Contact] | None:
-        """Return when a contact is released in it, and which."""
-        ...
-
-
 def windows(period: float, longest: int, short: bool) -> Iterator[tuple[float, float]]:
     """Yield begin and length of the windows of a flight, a short one first if it may be short."""
     begin = SHORTEST if short else 0.0
@@ -396,7 +368,7 @@ def windows(period: float, longest: int, short: bool) -> Iterator[tuple[float, f
 
 @dataclass(frozen=True, eq=False)
 class LinearWindow:
-    """A part of a linear flight."""
+    """A part of a linear flight: its first time, since the flight's start, and its duration."""
 
     motion: LinearMotion
     track: Track
@@ -406,12 +378,14 @@ class LinearWindow:
     length: float
 
     def coordinate(self, guard: Guard) -> Coordinate:
+        """Return how a guard's gap coordinate moves; times count from the window's beginning."""
         size = self.motion.shape.freedom
         row = guard.row(size)
         curve = self.track.along(row, from_start=True)
         return curve, curve.breaks(), float(self.state[:size] @ row)
 
     def beginning(self, guard: Guard) -> tuple[float, float]:
+        """Return a guard's gap coordinate and its velocity at the window's beginning."""
         size = self.motion.shape.freedom
         row = guard.row(size)
         return float(self.state[:size] @ row), float(self.state[size : 2 * size] @ row)
@@ -431,12 +405,15 @@ class LinearWindow:
         )
 
     def bounds(self, guard: Guard) -> tuple[float, float]:
+        """Return bounds of a guard's gap coordinate in the window."""
         return self.track.bounds(guard.row(self.motion.shape.freedom))
 
     def section(self, guard: Guard, dt: float, speed: float) -> tuple[float, ...]:
+        """Return the section coordinates at a guard, from the gap coordinate's velocity there."""
         return section_of(self.motion, self.motion.resting(self.track.at(dt)), guard, speed)
 
     def release(self) -> tuple[float, Contact] | None:
+        """Return when a contact is released in it, and which."""
         return self.motion.release(self.track, self.state)
 
 
@@ -476,7 +453,7 @@ def until_repeated(found: Iterable[LinearWindow]) -> Iterator[LinearWindow]:
 
 @dataclass(frozen=True, eq=False)
 class KernelWindow:
-    """A part of a flight that the model's kernels know."""
+    """The same of a flight that the model's kernels know."""
 
     kernels: Kernels
     values: Sequence[float]
@@ -523,3 +500,18 @@ class KernelWindow:
 
     def release(self) -> None:
         """Nothing is held here."""
+
+
+Window: TypeAlias = LinearWindow | KernelWindow
+
+
+def jump_derivative(kernels: Kernels, guard: str, state: State, values: Sequence[float]) -> Array:
+    """Return how positions and velocities after an impact on a guard depend on the section
+    coordinates before it, shape (2 d, 2 d - 1)."""
+    law, d = evaluate_in(kernels.law(guard), series(FLOATS)), kernels.model.DEGREES_OF_FREEDOM
+    columns = []
+    for j in range(2 * d - 1):
+        section = [Series([y, float(i == j)]) for i, y in enumerate(state.section)]
+        after = law(Series([state.phase, 0.0]), *section, *values)[3][: 2 * d]
+        columns.append([float(e.coefficients[1]) if isinstance(e, Series) else 0.0 for e in after])
+    return np.array(columns).T

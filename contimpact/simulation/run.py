@@ -84,6 +84,10 @@ class State:
         """The largest of its velocities."""
         return float(np.max(np.abs(self.section[::2])))
 
+    def since(self, earlier: State, period: float) -> float:
+        """Return the time from an earlier state to this one."""
+        return (self.turns - earlier.turns) * period + self.phase - earlier.phase
+
     def within(self, period: float) -> State:
         """Return the same with a phase in [0, T) and as many more turns as it had."""
         phase, passed = wrap_time(self.phase, period)

@@ -25,11 +25,10 @@ from ..models.model import Model, require_forcing
 from ..models.word import Word
 from ..results.options import SETTLING, Settling
 from ..segments.bounded import UNIT, bounds_of
-from ..segments.derivatives import Series, series
 from ..segments.flight import FlightGaps, flight_gaps
-from ..segments.segment import FLOATS, evaluate_in
 from ..segments.touches import interior_touches
 from .attractor import Attractor, Cycle, Kind, cycle_near, repeats, sticking_cycle
+from .flights import jump_derivative
 from .run import Outcome, Run, State
 from .simulator import Simulator, as_simulator, free_motion, state_after
 
@@ -136,34 +135,24 @@ def _law_contraction(simulator: Simulator, before: State, after: State) -> Contr
     trace = math.fsum(numbers[i * width + size + i] for i in range(size))
     if factor == 0.0:
         return Contraction(0.0, -math.inf)
-    duration = _duration(simulator, before, after)
+    duration = after.since(before, simulator.period)
     return Contraction(math.copysign(1.0, factor), math.log(abs(factor)) + trace * duration)
 
 
 def _impact_determinant(simulator: Simulator, before: State) -> float:
     """The determinant of velocities after an impact by those before it."""
     size, guard = simulator.model.DEGREES_OF_FREEDOM, simulator.model.WALLS[before.wall]
-    law = evaluate_in(simulator.kernels.law(guard.name), series(FLOATS))
-    into, out = [], []
-    for j in range(0, 2 * size - 1, 2):
-        unit = [float(i == j) for i in range(2 * size - 1)]
-        section = [Series([y, e]) for y, e in zip(before.section, unit, strict=True)]
-        moved = law(Series([before.phase, 0.0]), *section, *simulator.values)[3]
-        speeds = moved[size : 2 * size]
-        into.append(state_before(guard.row(size), 0.0, unit)[1])
-        out.append([float(e.coefficients[1]) if isinstance(e, Series) else 0.0 for e in speeds])
-    return float(np.linalg.det(out) / np.linalg.det(into))
-
-
-def _duration(simulator: Simulator, before: State, after: State) -> float:
-    return (after.turns - before.turns) * simulator.period + after.phase - before.phase
+    rates = jump_derivative(simulator.kernels, guard.name, before, simulator.values)
+    units = np.eye(2 * size - 1)[::2].tolist()
+    into = [state_before(guard.row(size), 0.0, unit)[1] for unit in units]
+    return float(np.linalg.det(rates[size:, ::2].T) / np.linalg.det(into))
 
 
 def _blocks(simulator: Simulator, before: State, after: State) -> tuple[Array, Array, Array, Array]:
     """The blocks A and B of a flight, and the bounds of their errors."""
     letters, m = simulator.letters, simulator.model.unknowns_per_impact
     start = (before.phase, *before.section)
-    end = (before.phase + _duration(simulator, before, after), *after.section)
+    end = (before.phase + after.since(before, simulator.period), *after.section)
     segment = simulator.kernels.segment(letters[before.wall], letters[after.wall])
     (_, a, b, _), (_, off_a, off_b, _) = bounds_of(segment, start, end, simulator.values)
     found = [np.array(block, dtype=float).reshape(m, m) for block in (a, b, off_a, off_b)]
