@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from numbers import Integral
 from typing import Any, TypeVar
 
 Call = TypeVar("Call", bound=Callable[..., Any])
@@ -91,6 +92,23 @@ def each_once(values: Iterable[Any], where: str) -> list[Any]:
         text = f"{where}: {shorten(again)} more than once; each value is used once"
         logging.getLogger(__package__).warning(text)
     return kept
+
+
+def require_known(
+    value: Any, known: Iterable[Any], where: str, found: str | None = None, more: str = ""
+) -> None:
+    """Raise `InputError` for what is none of some names; what was found may be said otherwise, and
+    more of what would do."""
+    names = list(known)
+    if value not in names:
+        accepted = f"accepted are {', '.join(names)}{more}"
+        raise InputError(where, found or f"found {short_repr(value)}", accepted)
+
+
+def require_whole(value: Any, where: str, least: int = 1) -> None:
+    """Raise `InputError` for what is no whole number, or too small a one."""
+    if not isinstance(value, Integral) or isinstance(value, bool) or value < least:
+        raise InputError(where, f"found {value!r}", f"give a whole number >= {least}")
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

@@ -33,7 +33,7 @@ from ..continuation.settings import PREDICTORS, Settings
 from ..diagrams.explore import follow
 from ..diagrams.orbit_walks import walk_orbits
 from ..diagrams.starting_orbits import orbits_at_start
-from ..errors import InputError
+from ..errors import InputError, require_whole
 from ..models.word import Word
 from ..orbits.orbit import Orbit
 from ..orbits.problem import OrbitProblem
@@ -243,8 +243,7 @@ def report(
     Raises InputError if the scene's first orbit with impacts does not exist at its start, it has
     none, or `repetitions` is below 1.
     """
-    if repetitions < 1:
-        raise InputError("repetitions", f"found {repetitions!r}", "give a whole number >= 1")
+    require_whole(repetitions, "repetitions")
     progress = progress or (lambda text: None)
     kernels = Kernels(scene.model, scene.parameter)
     progress("the scene's diagram")

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..arrays import Number
 from ..continuation.branch import TestFunction
-from ..errors import InputError
+from ..errors import require_known
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding_of_setup
 from .declarations import REQUESTED
@@ -35,9 +35,8 @@ class RequestedValues(ScalarTest):
     def __init__(self, problem: OrbitProblem, requested: Values) -> None:
         known = (problem.parameter, *problem.model.DERIVED, *[PERIOD] * problem.autonomous)
         for name in requested:
-            if name not in known:
-                accepted = f"accepted are {', '.join(known)}"
-                raise InputError(f"values.{name}", "it does not vary along the branch", accepted)
+            found = "it does not vary along the branch"
+            require_known(name, known, f"values.{name}", found)
         self.requested = [(name, float(v)) for name, values in requested.items() for v in values]
         derived = list(problem.model.DERIVED)
         self.first = problem.n

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import InputError, short_repr
+from ..errors import InputError, require_known, short_repr
 from ..models.model import Model
 from ..progress import Progress, telling
 from ..results.branch import model_at
@@ -178,8 +178,7 @@ def _plot_choices(
     """Axis, limits and orbits to draw, as the command line has it or else the scene."""
     x = options.x or plot.x
     numbers = ["arclength", *diagram.branches[0].parameters] if diagram.branches else [plot.x]
-    if x not in numbers:
-        raise InputError("-x", f"no column {x!r}", f"accepted are {', '.join(numbers)}")
+    require_known(x, numbers, "-x", f"no column {x!r}")
     return {
         "x": x,
         "xlim": options.xlim or (plot.xlim if not options.x else None),

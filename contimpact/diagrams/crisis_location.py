@@ -17,7 +17,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..bifurcations.crisis import Connected, refined, unstable_direction
-from ..errors import InputError, explain_arguments
+from ..errors import InputError, explain_arguments, require_whole
 from ..models.model import Model
 from ..models.word import Word, is_rotation
 from ..orbits.orbit import Orbit
@@ -229,8 +229,7 @@ def locate_crisis(
         number > 0.
     """
     require_one_coordinate(orbit.model, orbit.problem.kernels, "orbit")
-    if type(impacts) is not int or impacts < 1:
-        raise InputError("impacts", f"found {impacts!r}", "give a whole number > 0")
+    require_whole(impacts, "impacts")
     simulator = Simulator(orbit.model, orbit.problem.kernels)
     _require_saddle(orbit, "orbit")
     attractor = settle(simulator, start) if start else _beside(simulator, orbit)
@@ -354,8 +353,7 @@ def locate_tangencies(
         For a system with several coordinates or without forcing, orbits of different systems or
         values, or one that is not unstable in one direction, or not physical.
     """
-    if type(starts) is not int or starts < 1:
-        raise InputError("starts", f"found {starts!r}", "give a whole number > 0")
+    require_whole(starts, "starts")
     arrives = arrives or leaves
     for name, orbit in (("leaves", leaves), ("arrives", arrives)):
         require_one_coordinate(orbit.model, orbit.problem.kernels, name)

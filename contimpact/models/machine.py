@@ -181,9 +181,10 @@ class Machine:
     def lines(self) -> list[tuple[str, str]]:
         """The machine for readers: headings with a text each."""
         matrices = ((name, _matrix_entry(getattr(self, name))) for name in MATRICES)
+        stays = [stay_text(self.coordinates, g.row, g.side, g.position) for g in self.guards]
         guards = (
-            f"{guard.name}: {stay_text(self.coordinates, guard)}, restitution {guard.restitution}"
-            for guard in self.guards
+            f"{guard.name}: {there}, restitution {guard.restitution}"
+            for guard, there in zip(self.guards, stays, strict=True)
         )
         return [
             ("position", ", ".join(self.coordinates)),
@@ -242,31 +243,15 @@ def _matrix_entry(matrix: Sequence[Sequence[str]]) -> str:
     return "; ".join(", ".join(row) for row in matrix)
 
 
-class Surface(Protocol):
-    """Where a stated guard lies."""
-
-    @property
-    def row(self) -> tuple[float, ...]:
-        """A factor for each coordinate."""
-
-    @property
-    def side(self) -> int:
-        """+1 where the gap coordinate stays below the position, -1 where it stays above."""
-
-    @property
-    def position(self) -> str:
-        """An expression of the parameters."""
-
-
-def stay_text(coordinates: Sequence[str], guard: Surface) -> str:
+def stay_text(coordinates: Sequence[str], row: Sequence[float], side: int, position: str) -> str:
     """Return where a system stays before a guard, as scenes have it."""
     gap = ""
-    for factor, name in zip(guard.row, coordinates, strict=False):
+    for factor, name in zip(row, coordinates, strict=False):
         if factor:
             size = "" if abs(factor) == 1 else f"{abs(factor):.12g}*"
             sign = "-" if factor < 0 else "+"
             gap += f" {sign} {size}{name}" if gap else f"{sign.strip('+')}{size}{name}"
-    return f"{gap} {'<=' if guard.side > 0 else '>='} {guard.position}"
+    return f"{gap} {'<=' if side > 0 else '>='} {position}"
 
 
 def angles_of(texts: Sequence[str], values: Mapping[str, float]) -> list[Timed]:

@@ -141,8 +141,6 @@ class Nonlinear:
 
 
 # Flights by laws of first and second order, in closed form where there is one.
-#
-# Importing this module imports SymPy.
 
 Laws = Callable[[Any, Sequence[Any], Sequence[Any]], Sequence[Any]]
 """Map from the time, all positions and the velocities of second order to rates and

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 from random import Random
 from typing import Any, TypeAlias
 
-from ..errors import InputError, did_you_mean, short_repr
+from ..errors import InputError, did_you_mean, require_known, short_repr
 from .expressions import CONSTANTS, FUNCTIONS, check_expression, names_in, number
 from .machine import MOST_COORDINATES, TIME, Timed, angles_of, stay_text, surface_of, text_of
 
@@ -104,7 +104,8 @@ class StatedModes:
             laws = ", ".join(f"{name}' = {law}" for name, law in mode.laws)
             lines.append(("mode", f"{mode.name}: {laws}"))
         for guard in self.guards:
-            there = stay_text(self.mode(guard.modes[0]).coordinates(self.sections), guard)
+            coordinates = self.mode(guard.modes[0]).coordinates(self.sections)
+            there = stay_text(coordinates, guard.row, guard.side, guard.position)
             text = f"{guard.name}: {', '.join(guard.modes)}, {there}"
             text += f", to {guard.to}" if (guard.to,) != guard.modes else ""
             text += f", past {guard.past}" if guard.past else ""
@@ -273,9 +274,7 @@ def _guard_table(
     if not isinstance(given, Mapping):
         raise InputError(where, f"found {short_repr(given)}", 'give { within = "x <= sigma" }')
     for key in given:
-        if key not in GUARD_KEYS:
-            accepted = f"accepted are {', '.join(GUARD_KEYS)}"
-            raise InputError(f"{where}.{key}", "unknown key", accepted)
+        require_known(key, GUARD_KEYS, f"{where}.{key}", "unknown key")
     if "within" not in given:
         raise InputError(f"{where}.within", "missing", 'give it, such as "x <= sigma"')
     known = {mode.name: mode for mode in modes}

@@ -17,17 +17,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import matplotlib.figure
 import numpy as np
 from matplotlib.colors import to_rgb
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path as OutlinePath
 
 from ..arrays import Array
 from ..bifurcations.declarations import CROSSINGS
 from ..bifurcations.kind import MARKERS, kind_of
-from ..errors import InputError, explain_arguments, short_repr
+from ..errors import InputError, explain_arguments, require_known, short_repr
 from ..results.curve import (
     Area,
     Check,
@@ -48,7 +46,7 @@ from ..results.curve import (
 from ..results.diagram import Diagram
 from ..simulation.attractor import Attractor, Kind
 from ..simulation.sweep import Row, Sweep
-from .diagram import Figure, legend_mark, save_figure, write_heading
+from .diagram import legend_mark, new_figure, save_figure, write_heading
 from .lines import axis_label, plain_text, set_label, symbol, values_text
 
 # Outlines with as few points as are seen.
@@ -284,10 +282,8 @@ def _column(curves: Sequence[Curve], along: str | None) -> str:
     """The column on the y axis: the one asked for, or the one that falls."""
     if along is None:
         return falling_column(curves)
-    names = parameters_of(curves[0])
-    if along not in names:
-        found = f"curve {curves[0].id} has no parameter {short_repr(along)}"
-        raise InputError("along", found, f"accepted are {', '.join(names)}")
+    found = f"curve {curves[0].id} has no parameter {short_repr(along)}"
+    require_known(along, parameters_of(curves[0]), "along", found)
     return along
 
 
@@ -306,7 +302,7 @@ def _axes(panels: Sequence[Panel]) -> Any:
     columns = min(len(panels), 4)
     rows = -(-len(panels) // columns)
     size = (3.0 * columns + 1.2, 2.7 * rows + 0.7) if len(panels) > 1 else (6.2, 4.4)
-    figure = Figure(figsize=size, dpi=150, layout="constrained")
+    figure = new_figure(*size)
     one, alike = len({p.across for p in panels}) == 1, _share_axis(panels)
     axes = np.ravel(figure.subplots(rows, columns, sharex=one, sharey=alike, squeeze=False))
     for ax in axes[len(panels) :]:
@@ -399,19 +395,17 @@ def _draw_legend(
 ) -> None:
     seen = _visible(ax, panels)
     handles = [
-        Line2D(
-            [], [], color=colour_of(k, keys), lw=kind_of(k.kind).look.width, label=_text(k, keys)
-        )
+        legend_mark(color=colour_of(k, keys), lw=kind_of(k.kind).look.width, label=_text(k, keys))
         for k in keys
         if k in seen
     ]
     curves = [c for panel in panels for c in panel.curves]
     if any(c.ghost.any() for c in curves):
-        handles.append(Line2D([], [], color="0.3", linestyle=(0, (1, 1.4)), label="ghost"))
+        handles.append(legend_mark(color="0.3", linestyle=(0, (1, 1.4)), label="ghost"))
     kinds = (p.kind for c in curves for p in c.points)
     for kind in dict.fromkeys(CROSSINGS[0] if k in CROSSINGS else k for k in kinds):
         marker = MARKERS.get(kind, "P")
-        handles.append(Line2D([], [], color="k", ls="none", marker=marker, ms=4.5, label=kind))
+        handles.append(legend_mark(color="k", ls="none", marker=marker, ms=4.5, label=kind))
     ax.figure.legend(
         handles=[*handles, *further],
         loc="outside right upper",
@@ -433,14 +427,14 @@ def _visible(ax: Any, panels: Sequence[Panel]) -> set[Key]:
     return found
 
 
-def _band_key(panels: Sequence[Panel], bands: Sequence[Region]) -> list[Line2D]:
+def _band_key(panels: Sequence[Panel], bands: Sequence[Region]) -> list[Any]:
     """The key to the bands, if there are any."""
     if not bands:
         return []
     falling = " or ".join(dict.fromkeys(symbol(panel.along) for panel in panels))
     unconfirmed = any(region.said for region in bands)
     first = f"first as {falling} falls" + "\n(half as high: not checked)" * unconfirmed
-    return [Line2D([], [], color="0.5", lw=4, alpha=0.6, label=first)]
+    return [legend_mark(color="0.5", lw=4, alpha=0.6, label=first)]
 
 
 def _text(key: Key, keys: Sequence[Key]) -> str:
@@ -487,8 +481,7 @@ def plot_codim2(
         raise InputError("curves", found, "give curves in the same three parameters")
     _, second, third = triples.pop()
     if axes is None:
-        figure = matplotlib.figure.Figure(figsize=(11.4, 3.4), dpi=150, layout="constrained")
-        axes = figure.subplots(1, 3)
+        axes = new_figure(11.4, 3.4).subplots(1, 3)
     axes = list(np.ravel(axes))
     kinds = list(dict.fromkeys((c.kind, c.notation) for c in curves))
     first = falling_column(curves)
@@ -521,11 +514,8 @@ def _look_of_point(place: int) -> dict[str, Any]:
 def _legend(ax: Any, curves: Sequence[Curve], kinds: Sequence[tuple[str, str]]) -> None:
     several = len({notation for _, notation in kinds}) > 1
     handles = [
-        Line2D(
-            [],
-            [],
-            label=kind + (f" ({plain_text(notation)})" if several else ""),
-            **_look_of_point(place),
+        legend_mark(
+            label=kind + (f" ({plain_text(notation)})" if several else ""), **_look_of_point(place)
         )
         for place, (kind, notation) in enumerate(kinds)
     ]
@@ -537,7 +527,7 @@ def _legend(ax: Any, curves: Sequence[Curve], kinds: Sequence[tuple[str, str]]) 
             "markersize": 4,
             "ls": "none",
         }
-        handles.append(Line2D([], [], label="turn, or codimension three", **look))
+        handles.append(legend_mark(label="turn, or codimension three", **look))
     ax.figure.legend(handles=handles, loc="outside right upper", fontsize=8, frameon=False)
 
 

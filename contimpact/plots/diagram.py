@@ -25,7 +25,7 @@ from matplotlib.text import Text
 from matplotlib.transforms import ScaledTranslation
 
 from ..bifurcations.kind import kind_of
-from ..errors import InputError, explain_arguments, short_repr
+from ..errors import InputError, explain_arguments, require_known, short_repr
 from ..results.branch import Branch, Entry
 from ..results.diagram import Diagram
 from ..results.entry_conversion import to_diagram
@@ -193,9 +193,8 @@ def _check_request(
     diagram: Diagram, x: str | None, limits: dict[str, Any], unphysical: str, labels: str
 ) -> str:
     """The column on the x axis; raises `InputError` if a request cannot be drawn."""
-    for name, value, known in (("unphysical", unphysical, UNPHYSICAL), ("labels", labels, CHOICES)):
-        if value not in known:
-            raise InputError(name, f"found {short_repr(value)}", f"accepted are {', '.join(known)}")
+    require_known(unphysical, UNPHYSICAL, "unphysical")
+    require_known(labels, CHOICES, "labels")
     for name, pair in limits.items():
         if pair and not (all(map(math.isfinite, pair)) and pair[0] < pair[1]):
             raise InputError(
@@ -205,12 +204,8 @@ def _check_request(
         return x or ""
     column = x or diagram.branches[0].parameter
     for branch in diagram.branches:
-        numbers = numbers_of(branch)
-        if column not in numbers:
-            accepted = f"accepted are {', '.join(numbers)}"
-            raise InputError(
-                "x", f"branch {branch.id} has no numbers {short_repr(column)}", accepted
-            )
+        found = f"branch {branch.id} has no numbers {short_repr(column)}"
+        require_known(column, numbers_of(branch), "x", found)
     return column
 
 

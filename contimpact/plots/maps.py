@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 from matplotlib.colors import ListedColormap
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from ..bifurcations.declarations import KINDS
 from ..bifurcations.kind import kind_of
 from ..studies.study import Map
-from .diagram import Figure, save_figure, write_heading
+from .diagram import Figure, legend_mark, save_figure, write_heading
 from .lines import axis_label, plain_text, set_label
 
 NAMED = ("#d5e5f2", "#56a0ce", "#f0c05a", "#1f4e79", "#cccccc", "#77913f", "#5b3a6b", "#c9733f")
@@ -98,7 +97,7 @@ def _draw_numbers(ax: Any, shown: Map) -> list[Any]:
     if grid is None:
         return handles
     ax.contour(*grid, levels=[0.0], colors="k", linewidths=2.4, alpha=0.35)
-    return [Line2D([], [], color="k", lw=2.4, alpha=0.35, label="zero of the map"), *handles]
+    return [legend_mark(color="k", lw=2.4, alpha=0.35, label="zero of the map"), *handles]
 
 
 def _draw(ax: Any, shown: Map, numbers: Any, options: Mapping[str, Any]) -> Any:
@@ -120,7 +119,7 @@ def _draw_curves(ax: Any, shown: Map) -> list[Any]:
         style: dict[str, Any] = {"color": "k", "linestyle": line, "linewidth": 1.0}
         style |= {"marker": "." if joined else "+", "markersize": 2.5 if joined else 4.0}
         ax.plot(*points.T, **style)
-        handles.append(Line2D([], [], **style, label=f"{kind}, computed directly"))
+        handles.append(legend_mark(**style, label=f"{kind}, computed directly"))
     return handles
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from ..bifurcations.declarations import CURVES
 from ..continuation.settings import Settings
-from ..errors import InputError, short_repr
+from ..errors import InputError, require_known, short_repr
 from ..models.model import Model
 from ..schema import Table, fit, key
 
@@ -35,9 +35,7 @@ def one_of(known: Callable[[Any], Sequence[str]], what: str = "") -> Callable[..
     """Return a check that a text is one of those that hold where it is."""
 
     def check(text: str, where: str, here: Any) -> str:
-        if text not in (accepted := known(here)):
-            found = f"{text!r} {what}" if what else f"found {text!r}"
-            raise InputError(where, found, f"accepted are {', '.join(accepted)}")
+        require_known(text, known(here), where, f"{text!r} {what}" if what else None)
         return text
 
     return check

@@ -30,7 +30,14 @@ from ..bifurcations.declarations import (
 )
 from ..continuation.settings import Settings
 from ..display import ParameterItems
-from ..errors import InputError, did_you_mean, each_once, explain_arguments, short_repr
+from ..errors import (
+    InputError,
+    did_you_mean,
+    each_once,
+    explain_arguments,
+    require_known,
+    short_repr,
+)
 from ..models.expressions import names_in
 from ..models.guards import graph
 from ..models.model import Example, Model, Parameter, require_forcing
@@ -383,9 +390,8 @@ def _values(
     """The values to hit; the kind of their events is added to those that are looked for."""
     varying = (*here.model.varying(here.parameter), *["period"] * here.model.autonomous)
     for name, values in given.items():
-        if name not in varying:
-            found = "it does not vary along the branches"
-            raise InputError(f"{where}.{name}", found, f"accepted are {', '.join(varying)}")
+        found = "it does not vary along the branches"
+        require_known(name, varying, f"{where}.{name}", found)
         if not values:
             raise InputError(f"{where}.{name}", "empty", "give at least one value")
     own = f"{where}.{here.parameter}"
@@ -397,9 +403,7 @@ def _values(
 def _switch(kinds: tuple[str, ...], where: str, here: Any) -> tuple[str, ...]:
     for i, kind in enumerate(kinds):
         place = f"{where}[{i}]"
-        if kind not in SWITCHES:
-            accepted = f"accepted are {', '.join(SWITCHES)}"
-            raise InputError(place, f"cannot switch at {short_repr(kind)}", accepted)
+        require_known(kind, SWITCHES, place, f"cannot switch at {short_repr(kind)}")
         if kind not in here.events:
             found = f"{kind} is not among the events looked for"
             accepted = f"add it to detect.events, which has {', '.join(here.events) or 'none'}"

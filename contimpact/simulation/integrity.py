@@ -26,7 +26,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..display import NotebookResult, Summary, frame
-from ..errors import InputError, explain_arguments, short_repr
+from ..errors import InputError, explain_arguments, require_whole, short_repr
 from ..models.model import Model
 from ..orbits.orbit import Orbit
 from ..orbits.search import solve_near
@@ -709,8 +709,7 @@ def escape_rate(
 
     orbit.fluctuations(noise)  # refuses what has no fluctuations
     for name, count in (("motions", motions), ("periods", periods)):
-        if count < 1:
-            raise InputError(name, f"found {count!r}", "give a whole number >= 1")
+        require_whole(count, name)
     generator, model = np.random.default_rng(rng), orbit.model
     kernels = Kernels(model, next(iter(model.values)))
     still, word = Simulator(model, kernels), orbit.word

@@ -24,7 +24,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..display import ParameterItems
-from ..errors import InputError, explain_arguments
+from ..errors import InputError, explain_arguments, require_whole
 from ..models.model import Model
 from ..segments.compiling import cores
 from ..segments.kernels import Kernels
@@ -297,7 +297,7 @@ class Simulator(ParameterItems):
             raise InputError("impacts", "no end of the run", "give impacts or periods")
         for name, number in (("impacts", impacts), ("periods", periods)):
             if number is not None:
-                _require_whole(name, number)
+                require_whole(number, name, 0)
         state = state.within(self.period)
         most = impacts if impacts is not None else _ENDLESS
         last = state.turns + periods if periods is not None else _ENDLESS
@@ -349,7 +349,7 @@ class Simulator(ParameterItems):
         InputError
             If `periods` is no whole number >= 0.
         """
-        _require_whole("periods", periods)
+        require_whole(periods, "periods", 0)
         batch = Batch(self, states, threads)
         outcomes = batch.run(np.arange(len(states)), periods)
         return [(outcome, batch.state(k)) for k, outcome in enumerate(outcomes)]
@@ -363,11 +363,6 @@ class Simulator(ParameterItems):
         It returns rows, for (time, section coordinates).
         """
         return self.machine.derivative
-
-
-def _require_whole(name: str, number: object) -> None:
-    if not isinstance(number, int | np.integer) or number < 0:
-        raise InputError(name, f"found {number!r}", "give a whole number >= 0")
 
 
 def as_simulator(of: Simulator | Model) -> Simulator:

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError, NotWrittenError
+from ..errors import InputError, NotWrittenError, require_known
 from ..storage import csv_text, json_line, reason, temporary_beside
 from .study import ROWS, Selection, Study, studies
 
@@ -96,8 +96,7 @@ Writer = Callable[[Path, Mapping[str, str], Iterable[list[Any]]], int]
 
 
 def _writer(kind: str) -> Writer:
-    if kind not in FORMATS:
-        raise InputError("format", f"found {kind!r}", f"accepted are {', '.join(FORMATS)}")
+    require_known(kind, FORMATS, "format")
     if kind == "parquet":
         return _write_parquet
     return {"csv": _write_csv, "csv.gz": _write_gz, "json": _write_json}[kind]

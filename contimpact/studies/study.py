@@ -20,7 +20,7 @@ import numpy as np
 from ..arrays import Array
 from ..bifurcations.declarations import SWITCHES
 from ..display import NotebookResult, Summary, frame
-from ..errors import InputError, explain_arguments, short_repr
+from ..errors import InputError, explain_arguments, require_known, short_repr
 from ..models import expressions
 from ..models.word import is_rotation
 from ..results.catalogue import branch_in
@@ -275,9 +275,7 @@ def quantity(name: str) -> Quantity:
         output = name.removeprefix(OUTPUT)
         text = f"largest {output} of stable {{orbit}} along {{parameter}}"
         return Quantity(lambda study, orbit: largest_output(study, orbit, output), text)
-    if name not in QUANTITIES:
-        accepted = f"accepted are {', '.join(QUANTITIES)}, {COUNT}LABEL and {OUTPUT}NAME"
-        raise InputError("quantity", f"found {short_repr(name)}", accepted)
+    require_known(name, QUANTITIES, "quantity", more=f", {COUNT}LABEL and {OUTPUT}NAME")
     return QUANTITIES[name]
 
 
@@ -341,7 +339,7 @@ def _attractor(simulators: Simulators, row: Mapping[str, Any]) -> Attractor:
     simulator = simulators.at(row["value"])
     return Attractor(
         Kind(row["kind"]),
-        {**simulator.model.values, **simulator.derived},
+        simulator.parameters,
         row["notation"],
         simulator.period,
         row["word"],
@@ -492,15 +490,10 @@ class Study(NotebookResult):
         InputError
             If there is no such table or column.
         """
-        if table not in ROWS:
-            raise InputError(
-                "table", f"found {short_repr(table)}", f"accepted are {', '.join(ROWS)}"
-            )
+        require_known(table, ROWS, "table")
         chosen = Selection(self, table, where)
         for name in where:
-            if name not in chosen.columns:
-                accepted = f"accepted are {', '.join(chosen.columns)}"
-                raise InputError(table, f"no column {name!r}", accepted)
+            require_known(name, chosen.columns, table, f"no column {name!r}")
         return chosen
 
     def scenes(self, **where: Any) -> Selection:

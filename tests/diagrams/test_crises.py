@@ -659,7 +659,7 @@ def assert_two_connections_meet(crisis):
 @pytest.mark.full
 def test_refusals():
     for count in (0, 2.5):
-        with pytest.raises(InputError, match=rf"impacts: found {count}; give a whole number > 0"):
+        with pytest.raises(InputError, match=rf"impacts: found {count}; give a whole number >= 1"):
             locate_crisis(unstable(0.3556), impacts=count)
     masses = {"system": "two-masses", "parameters": {**TWO_MASSES}}
     given = scene(
