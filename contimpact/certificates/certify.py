@@ -5,8 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -33,6 +34,7 @@ from .event import EventCertificate, NoEnclosuresError, certify_entry, verify_en
 # ``certificates.json``: what is proven of a folder of results, written and read back.
 
 T = TypeVar("T")
+Proven = TypeVar("Proven", EventCertificate, BranchCertificate)
 
 SCHEMA = "contimpact.certificates/1"
 FILE = "certificates.json"
@@ -346,43 +348,28 @@ class _Work:
             raise InputError(name, "its orbits have a free period", accepted)
         for branch in branches:
             self.orbits.kernels(branch)
-        found = reject_repeated(entries, self._each(entries))
-        known = {c.id: c for c in found}
-        tubes = self._branches(branches, entries, known) if self.options.branches else []
-        seconds = time.perf_counter() - began
-        return Certificates(name, said, found, tubes, seconds, versions())
-
-    def _each(self, entries: Sequence[Entry]) -> list[EventCertificate]:
-        found = []
+        proven = []
         for number, entry in enumerate(entries, start=1):
             self.progress(f"certifying {entry.id}, {number} of {len(entries)} entries")
-            one = self.kept.get(EventCertificate, entry.id)
-            if one is None:
-                one = self._entry(entry)
-                self.kept.add(one)
-            found.append(one)
+            proven.append(self._entry(entry))
+        found = reject_repeated(entries, proven)
+        known = {c.id: c for c in found}
+        long = [branch for branch in branches if len(branch) > 1 and self.options.branches]
+        tubes = [self._branch(branch, entries, known) for branch in long]
+        return Certificates(name, said, found, tubes, time.perf_counter() - began, versions())
+
+    def _once(self, kind: type[Proven], name: str, prove: Callable[[], Proven]) -> Proven:
+        """What is kept of an entry or a branch; else it is proven, and kept."""
+        found = self.kept.get(kind, name)
+        if found is None:
+            found = prove()
+            self.kept.add(found)
         return found
 
     def _entry(self, entry: Entry) -> EventCertificate:
-        options = self.options
-        return certify_entry(entry, lambda: self.orbits.of(entry), options.bits, options.max_bits)
-
-    def _branches(
-        self,
-        branches: Sequence[Branch],
-        entries: Sequence[Entry],
-        known: Mapping[str, EventCertificate],
-    ) -> list[BranchCertificate]:
-        found = []
-        for branch in branches:
-            if len(branch) < 2:
-                continue
-            one = self.kept.get(BranchCertificate, branch.id)
-            if one is None:
-                one = self._branch(branch, entries, known)
-                self.kept.add(one)
-            found.append(one)
-        return found
+        bits, orbit = (self.options.bits, self.options.max_bits), lambda: self.orbits.of(entry)
+        prove = partial(certify_entry, entry, orbit, *bits)
+        return self._once(EventCertificate, entry.id, prove)
 
     def _branch(
         self, branch: Branch, entries: Sequence[Entry], known: Mapping[str, EventCertificate]
@@ -390,9 +377,9 @@ class _Work:
         def tell(text: str) -> None:
             self.progress(f"certifying {branch.id}, {branch.notation}: {text}")
 
-        kernels = self.orbits.kernels(branch)
-        kinds, seconds = self.options.events, self.options.seconds
-        return certify_branch(branch, entries, known, kinds, self.model, kernels, tell, seconds)
+        about = self.options.events, self.model, self.orbits.kernels(branch)
+        given = branch, entries, known, *about, tell, self.options.seconds
+        return self._once(BranchCertificate, branch.id, partial(certify_branch, *given))
 
 
 def reject_repeated(
