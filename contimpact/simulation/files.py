@@ -10,7 +10,7 @@ import dataclasses
 import hashlib
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -58,6 +58,7 @@ from .sweep import WRITTEN, Row, Sweep, table_of
 if TYPE_CHECKING:
     from ..segments.kernels import Kernels
     from ..systems.membrane import Membrane
+    from .energy import Energy, Losses
     from .sweep import Coverage
     from .transitions import Transition
 
@@ -258,7 +259,10 @@ def energy_text(membrane: Membrane, sweep: Sweep, diagram: Diagram | None = None
     The column ``from`` is a direction of the sweep or a branch; the comment line holds the
     constants of membranes and ball.
     """
-    parameter, rows = sweep.parameter, _attractor_rows(membrane, sweep)
+    from .energy import attractor_voltages
+
+    parameter = sweep.parameter
+    rows = _energy_rows(sweep, "U", lambda a: attractor_voltages(membrane, a))
     for branch in diagram.branches if diagram else []:
         rows += _branch_rows(membrane, branch, sweep.model.DERIVED)
     head = json.dumps({"schema": ENERGY, "parameter": parameter, "membrane": asdict(membrane)})
@@ -268,32 +272,27 @@ def energy_text(membrane: Membrane, sweep: Sweep, diagram: Diagram | None = None
 
 def losses_text(sweep: Sweep, kernels: Kernels) -> str:
     """Return ``losses.csv``: a row per attractor, the kinetic energy that its impacts take."""
-    from .energy import losses_of_attractor as of_attractor
+    from .energy import losses_of_attractor
 
-    rows = []
-    for row in sweep.rows:
-        found = of_attractor(row.attractor, sweep.model, kernels)
-        derived = {name: row.attractor.parameters[name] for name in sweep.model.DERIVED}
-        means = {"E_I": found.per_impact, "E_T": found.per_time}
-        each = {f"E{k + 1}": lost for k, lost in enumerate(found.impacts[:WRITTEN].tolist())}
-        named = {"from": row.direction, "notation": row.attractor.notation}
-        rows.append(named | {sweep.parameter: row.value} | derived | means | each)
+    rows = _energy_rows(sweep, "E", lambda a: losses_of_attractor(a, sweep.model, kernels))
     head = json.dumps({"schema": LOSSES, "parameter": sweep.parameter})
     return f"# {head}\n" + csv_of_records(rows)
 
 
-def _attractor_rows(membrane: Membrane, sweep: Sweep) -> list[dict[str, Any]]:
-    from .energy import attractor_voltages
-
+def _energy_rows(
+    sweep: Sweep, letter: str, of: Callable[[Attractor], Energy | Losses]
+) -> list[dict[str, Any]]:
+    """A row for each attractor with what its impacts deliver, or lose, under names with a
+    letter."""
     rows = []
     for row in sweep.rows:
-        a = row.attractor
-        energy = attractor_voltages(membrane, a)
-        derived = {name: a.parameters[name] for name in sweep.model.DERIVED}
-        means = {"U_I": energy.per_impact, "U_T": energy.per_time}
-        each = {f"U{k + 1}": u for k, u in enumerate(energy.impacts[:WRITTEN].tolist())}
-        named = {"from": row.direction, "notation": a.notation, sweep.parameter: row.value}
-        rows.append(named | derived | means | each)
+        found = of(row.attractor)
+        derived = {name: row.attractor.parameters[name] for name in sweep.model.DERIVED}
+        means = {f"{letter}_I": found.per_impact, f"{letter}_T": found.per_time}
+        listed = enumerate(found.impacts[:WRITTEN].tolist(), start=1)
+        each = {f"{letter}{k}": value for k, value in listed}
+        named = {"from": row.direction, "notation": row.attractor.notation}
+        rows.append(named | {sweep.parameter: row.value} | derived | means | each)
     return rows
 
 
