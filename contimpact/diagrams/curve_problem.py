@@ -145,7 +145,7 @@ def require_curve(entry: Entry) -> None:
 
 
 def curve_problem(
-    model: Model, entry: Entry, second: str, kernels: Kernels, first_span: float
+    model: Model, entry: Entry, kernels: Kernels, first_span: float
 ) -> tuple[CurveProblem, Array]:
     """Return the problem of the curve through a catalogue entry, and where it starts."""
     at = orbit_of(entry, model, kernels)

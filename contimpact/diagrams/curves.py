@@ -331,7 +331,7 @@ def follow_curve(
     outside = [v for v in values if not second_range[0] <= v <= second_range[1]]
     if outside:
         raise InputError("values", f"{outside[0]!r} is outside {second_range}", "widen the range")
-    problem, start = curve_problem(model, entry, second, kernels, first_range[1] - first_range[0])
+    problem, start = curve_problem(model, entry, kernels, first_range[1] - first_range[0])
     special = problem.kind.codimension_two(problem.orbit.word) if detect else []
     ranges, label = [first_range, second_range], entry.label.removeprefix("~")
     with progress_lines(progress, f"following {name}, {entry.label}") as tell:
@@ -743,9 +743,7 @@ def sensitivity(entry: Entry, parameter: str, model: Model | None = None) -> flo
     at.require(parameter, "parameter")
     if parameter == entry.parameter:
         raise InputError("parameter", f"{parameter} is the entry's own", "give another one")
-    problem, start = curve_problem(
-        at, entry, parameter, Kernels(at, entry.parameter, parameter), 1.0
-    )
+    problem, start = curve_problem(at, entry, Kernels(at, entry.parameter, parameter), 1.0)
     try:
         return slope_of(problem, start)
     except np.linalg.LinAlgError:

@@ -386,7 +386,7 @@ class _Designer:
         for _ in range(SEARCHES):
             if margin:
                 margins = self.margins(here, margin + BEYOND).margins()
-                events |= {_place(event): event for event in margins.events}
+                events |= {event.place: event for event in margins.events}
             at = self.iterate(here, events, margin)
             if settled and np.min(at.slack, initial=0.0) >= -KEPT:
                 break
@@ -623,11 +623,6 @@ class _Designer:
             means = np.array([part.mean() for part in np.array_split(values, BATCHES)])
         half = STUDENT * float(means.std(ddof=1)) / np.sqrt(BATCHES)
         return float(means.mean()), half, attractor.notation
-
-
-def _place(event: EventMargin) -> tuple[Any, ...]:
-    """What tells events apart."""
-    return event.kind, *(event.details.get(name) for name in ("flight", "wall", "impact"))
 
 
 def _merit(at: _Iterate, size: float, penalty: float) -> float:

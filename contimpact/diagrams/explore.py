@@ -225,7 +225,8 @@ class _Explorer:
 
             require_one_coordinate(scene.model, self.kernels, "detect.crises")
         try:
-            self.problems = {word: self.problem(word) for word in scene.orbits}
+            for word in scene.orbits:
+                self.problem(word)
         except InputError as error:
             raise error_at_key(error, scene) from None
         self.symmetry = scene.model.symmetry(

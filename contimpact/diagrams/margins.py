@@ -101,6 +101,11 @@ class EventMargin:
     tolerances: Mapping[str, float]
 
     @property
+    def place(self) -> tuple[Any, ...]:
+        """What tells events apart."""
+        return _place(self.kind, self.details)
+
+    @property
     def parameters(self) -> Mapping[str, float]:
         """All parameters at the event."""
         return self.orbit.parameters
@@ -279,8 +284,11 @@ class _Found:
 
     @property
     def place(self) -> tuple[Any, ...]:
-        """What tells events apart."""
-        return self.kind.name, *(self.details.get(name) for name in ("flight", "wall", "impact"))
+        return _place(self.kind.name, self.details)
+
+
+def _place(kind: str, details: Mapping[str, Any]) -> tuple[Any, ...]:
+    return kind, *(details.get(name) for name in ("flight", "wall", "impact"))
 
 
 class Search:

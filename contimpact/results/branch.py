@@ -7,7 +7,7 @@ import operator
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar, overload
+from typing import Any, overload
 
 import numpy as np
 
@@ -116,24 +116,7 @@ def coordinates(m: int) -> list[str]:
     return ["t", "v", *(f"{n}{i}_" for i in range(1, m // 2) for n in ("x", "v"))]
 
 
-class NamedEvent(Protocol):
-    """An event with its name and its kind."""
-
-    @property
-    def id(self) -> str: ...
-    @property
-    def kind(self) -> str: ...
-
-
-Event = TypeVar("Event", bound=NamedEvent)
-
-
-def event_by_id(events: Sequence[Event], name: object) -> Event | None:
-    """Return the event of a name, such as ``e1``; None if there is none."""
-    return next((event for event in events if event.id == name), None)
-
-
-def event_by_kind(events: Sequence[Event], name: object) -> Event | None:
+def event_by_kind(events: Sequence[Entry], name: object) -> Entry | None:
     """Return the event that a kind's name leads to: ``PD`` where there is one, else ``PD1``, ..."""
     parts = re.fullmatch(r"([A-Z]+)(\d*)", name) if isinstance(name, str) else None
     if parts is None:
@@ -144,7 +127,7 @@ def event_by_kind(events: Sequence[Event], name: object) -> Event | None:
     return found[int(parts[2]) - 1] if 0 < int(parts[2]) <= len(found) else None
 
 
-def kinds_of(events: Sequence[NamedEvent], name: object) -> str:
+def kinds_of(events: Sequence[Entry], name: object) -> str:
     """Return the names that the events of a kind have, in words; empty if there are none."""
     kind = name.rstrip("0123456789") if isinstance(name, str) else ""
     count = sum(event.kind == kind for event in events)
@@ -603,14 +586,18 @@ class Branch(Columns):
     )
 
     def _instead(self, column: object) -> str:
-        event = event_by_id(self.events, column) or event_by_kind(self.events, column)
+        event = self._event(column)
         if event is not None:
             return f"the orbit of an event is branch.orbit({event.id!r})"
         return f"the orbit of a row is branch.orbit({column})" if isinstance(column, int) else ""
 
+    def _event(self, name: object) -> Entry | None:
+        own = (event for event in self.events if event.id == name)
+        return next(own, None) or event_by_kind(self.events, name)
+
     def entry(self, name: str) -> Entry:
         """Return an event by its name, ``e1``, or by that of its kind, ``PD`` or ``PD2``."""
-        found = event_by_id(self.events, name) or event_by_kind(self.events, name)
+        found = self._event(name)
         if found is None:
             known = ", ".join(entry.id for entry in self.events) or "none"
             known += kinds_of(self.events, name)

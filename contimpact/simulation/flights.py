@@ -119,12 +119,6 @@ class LinearMotion:
         mean, end = duration * tables[0, :, : 2 * d], tables[1, :, : 2 * d]
         return np.concatenate([np.eye(d, 2 * d) + mean, end])
 
-    def pushes(self, state: Array) -> bool:
-        """Whether all contacts push, or pull by no more than rounding."""
-        sides = np.array([c.side for c in self.contacts])
-        least = -AT_ONCE * (np.abs(self.reactions) @ np.abs(state))
-        return bool(np.all(sides * (self.reactions @ state) >= least))
-
     def release(self, track: Track, state: Array) -> tuple[float, Contact] | None:
         """Return when, on a track that starts at a state, a contact ceases to push, and which.
 

@@ -297,11 +297,6 @@ class PassageRule:
 # Written in the subset of Python that `contimpact.compiling` compiles: vectors are lists in plain
 # Python, arrays in compiled code. `contimpact.simulation.simulator` says what it does.
 
-# A model at fixed parameter values, as vectors: what the loop from impact to impact reads.
-#
-# Written in the subset of Python that `contimpact.compiling` compiles: vectors are lists in plain
-# Python, arrays in compiled code.
-
 
 class Body(NamedTuple):
     """A model at fixed parameter values, as vectors."""
@@ -356,9 +351,6 @@ def wall_on(body: Body, wall: int, side: int) -> int:
 
 
 # Sticking: when the acceleration presses a body at rest against a wall, and when it is released.
-#
-# Written in the subset of Python that `contimpact.compiling` compiles: vectors are lists in plain
-# Python, arrays in compiled code.
 
 
 class Hold(NamedTuple):
@@ -425,9 +417,6 @@ def release_after(body: Body, wall: int, phase: float) -> tuple[float, int]:
 # velocity v is followed by flights of 2 e v/a, 2 e^2 v/a, ..., which end after 2 e v/(a (1 - e)).
 # Impacts are computed one by one until that is so short that the formula is exact to rounding. It
 # happens at rigid walls alone: where a guard leads to another mode the coefficient is 1.
-#
-# Written in the subset of Python that `contimpact.compiling` compiles: vectors are lists in plain
-# Python, arrays in compiled code.
 
 SHORT = 1e-9
 """Chatter left to come, in periods, that is completed analytically."""

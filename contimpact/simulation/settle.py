@@ -491,10 +491,9 @@ def _first_rotation(cycle: Cycle, period: float) -> Cycle:
     times = np.roll(cycle.times, -shift).copy()
     times[n - shift :] += span
     times -= math.floor(times[0] / period) * period
-    roll = [np.roll(a, -shift) for a in (cycle.walls, cycle.velocities, cycle.released)]
-    others = np.roll(cycle.others, -shift, axis=0), np.roll(cycle.held, -shift)
-    told = cycle.period, cycle.multipliers, cycle.closing
-    return Cycle(roll[0], times, roll[1], roll[2], *told, *others)
+    names = ("walls", "velocities", "released", "others", "held")
+    rolled = {name: np.roll(getattr(cycle, name), -shift, axis=0) for name in names}
+    return replace(cycle, times=times, **rolled)
 
 
 def _sticking_word(simulator: Simulator, cycle: Cycle) -> str:

@@ -47,7 +47,7 @@ def entries():
 
 
 def problem_at(entry):
-    return curve_problem(MODEL, entry, "r", PAIRS, RANGES[0][1] - RANGES[0][0])
+    return curve_problem(MODEL, entry, PAIRS, RANGES[0][1] - RANGES[0][0])
 
 
 @pytest.mark.parametrize("kind", KINDS)

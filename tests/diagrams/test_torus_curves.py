@@ -74,7 +74,7 @@ def test_it_ends_where_the_pair_is_real():
 def test_jacobian_against_differences():
     entry = entry_at(sigma=0.1)
     kernels = Kernels(entry.orbit().model, "c", "sigma")
-    problem, z = curve_problem(entry.orbit().model, entry, "sigma", kernels, 1.0)
+    problem, z = curve_problem(entry.orbit().model, entry, kernels, 1.0)
     exact, h = problem.evaluate(z).jacobian, 1e-6
     for i, step in enumerate(h * np.eye(len(z))):
         rate = (problem.evaluate(z + step).residual - problem.evaluate(z - step).residual) / (2 * h)
