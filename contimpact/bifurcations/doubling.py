@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..continuation.branch import Between, Location, Problem, TestFunction
+from ..continuation.branch import TestFunction
 from ..continuation.corrector import orient_vector
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
@@ -30,11 +30,8 @@ from .extended_system import (
     OrbitEvent,
     OrbitPoint,
     Orbits,
-    OrbitTest,
     SingularCycle,
-    event_on,
-    has_multiplier,
-    located,
+    SingularTest,
     null_vectors,
     unit_vector,
 )
@@ -59,30 +56,18 @@ from .kind import (
     declared,
     double_orbit,
 )
-from .scalar_systems import ScalarForm
 
 
-class PeriodDoubling(OrbitTest):
+class PeriodDoubling(SingularTest):
     """The determinant of the cyclic block matrix with its last coupling multiplied by -1."""
 
     kind = "PD"
+    mu = -1.0
     rounding = ROUNDING
     needs = ("doubling",)
 
     def of(self, orbits: Orbits) -> Array:
         return orbits.doubling[:, None]
-
-    def locate_on(self, arc: Between, fraction: float, index: int) -> OrbitEvent | None:
-        form = ScalarForm("singular", mu=-1.0)
-        return event_on(self.kind, form, arc, fraction, lambda _: {"index": index})
-
-    def locate(
-        self, problem: Problem[Linearisation], guess: OrbitPoint, index: int
-    ) -> Location | None:
-        return located(SingularCycle(guess.evaluation.problem, -1.0), guess)
-
-    def accept(self, event: OrbitEvent) -> bool:
-        return has_multiplier(event, -1.0)
 
 
 class DoublingTurns(CurveTest):

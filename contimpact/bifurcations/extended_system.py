@@ -446,6 +446,24 @@ class SingularCycle(ExtendedSystem):
         return np.concatenate([bounds.residual, product, [rounding_of_length(own)]])
 
 
+class SingularTest(OrbitTest):
+    """A test function that vanishes where `mu` is a multiplier; implementers give `of` alone."""
+
+    mu: float
+
+    def locate_on(self, arc: Between, fraction: float, index: int) -> OrbitEvent | None:
+        form = ScalarForm("singular", mu=self.mu)
+        return event_on(self.kind, form, arc, fraction, lambda _: {"index": index})
+
+    def locate(
+        self, problem: Problem[Linearisation], guess: OrbitPoint, index: int
+    ) -> Location | None:
+        return located(SingularCycle(guess.evaluation.problem, self.mu), guess)
+
+    def accept(self, event: OrbitEvent) -> bool:
+        return has_multiplier(event, self.mu)
+
+
 # Whether branches of orbits cross, or pass each other: what unfolds the crossing, and its error.
 #
 # The equations stand in `contimpact.continuation.crossing_branches`.

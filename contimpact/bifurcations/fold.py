@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..continuation.branch import Between, Location, Problem, TestFunction
+from ..continuation.branch import TestFunction
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from .extended_system import (
     ExtendedSystem,
     OrbitEvent,
-    OrbitPoint,
     Orbits,
-    OrbitTest,
     SingularCycle,
-    event_on,
-    has_multiplier,
-    located,
+    SingularTest,
     null_vectors,
     stands_upright,
 )
@@ -36,29 +32,20 @@ from .kind import (
     Values,
     declared,
 )
-from .scalar_systems import ScalarForm
 
 
-class Fold(OrbitTest):
+class Fold(SingularTest):
     """The parameter's component of the tangent."""
 
     kind = "FB"
+    mu = 1.0
 
     def of(self, orbits: Orbits) -> Array:
         return orbits.tangents[:, -1:]
 
-    def locate_on(self, arc: Between, fraction: float, index: int) -> OrbitEvent | None:
-        form = ScalarForm("singular", mu=1.0)
-        return event_on(self.kind, form, arc, fraction, lambda _: {"index": index})
-
-    def locate(
-        self, problem: Problem[Linearisation], guess: OrbitPoint, index: int
-    ) -> Location | None:
-        return located(SingularCycle(guess.evaluation.problem, 1.0), guess)
-
     def accept(self, event: OrbitEvent) -> bool:
         """A branch that passes a branch point sideways turns there too, but is not folded."""
-        return has_multiplier(event, 1.0) and not stands_upright(event.point)
+        return super().accept(event) and not stands_upright(event.point)
 
 
 class Cusp(CurveTest):

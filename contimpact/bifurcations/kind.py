@@ -565,10 +565,7 @@ class Resonance(CurveTest):
 
     def accept(self, event: Event[CurvePoint]) -> bool:
         """Whether there is one eigenvector."""
-        return self.alone(event.point.evaluation.orbit)
-
-    def alone(self, orbit: Linearisation) -> bool:
-        """Whether the double multiplier has one eigenvector."""
+        orbit = event.point.evaluation.orbit
         matrix = orbit.cyclic(self.multiplier)[:, : orbit.problem.n]
         sizes = np.linalg.svd(matrix, compute_uv=False)
         return bool(sizes[-2] > ONE_EIGENVECTOR * sizes[0])
