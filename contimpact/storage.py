@@ -163,12 +163,19 @@ def write(path: Path, content: str | bytes) -> None:
 
     Raises InputError if it cannot be written.
     """
-    try:
+    with check_writing(path, "place"):
         _write(path, content)
+
+
+@contextlib.contextmanager
+def check_writing(path: Path, kind: str) -> Iterator[None]:
+    """Turn what goes wrong with writing somewhere into `InputError`; `kind` is what else to give, a
+    place or a folder."""
+    try:
+        yield
     except OSError as error:
-        raise InputError(
-            str(path), f"cannot be written ({reason(error)})", "give another place"
-        ) from None
+        found = f"cannot be written ({reason(error)})"
+        raise InputError(str(path), found, f"give another {kind}") from None
 
 
 def append_line(path: Path, line: str) -> None:
@@ -187,12 +194,8 @@ def write_text(path: Path, text: str) -> None:
 
     Raises InputError if it cannot be written.
     """
-    try:
+    with check_writing(path, "folder"):
         path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(
-            str(path), f"cannot be written ({reason(error)})", "give another folder"
-        ) from None
     write(path, text)
 
 
@@ -393,12 +396,8 @@ def hold_lock(folder: Path, name: str = LOCK) -> Iterator[None]:
     Raises InputError if another one does, or the folder cannot be written.
     """
     path = folder / name
-    try:
+    with check_writing(path, "folder"):
         descriptor = _take_lock(path)
-    except OSError as error:
-        raise InputError(
-            str(path), f"cannot be written ({reason(error)})", "give another folder"
-        ) from None
     try:
         yield
     finally:
@@ -423,9 +422,7 @@ def _take_lock(path: Path) -> int:
 
 def _open_lock(path: Path) -> int:
     """The lock's file; a link, or anything that is no plain file, is refused."""
-    flags = os.O_RDWR | os.O_CREAT
-    flags |= getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
-    descriptor = os.open(path, flags, 0o666)
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | _SAFE, FOR_ALL)
     if not stat.S_ISREG(os.fstat(descriptor).st_mode):
         os.close(descriptor)
         raise OSError("not a plain file")

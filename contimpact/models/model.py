@@ -14,10 +14,10 @@ import re
 import unicodedata
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Never, Self, TypeAlias
 
-from ..errors import InputError, did_you_mean, explain_arguments, missing, short_repr
+from ..errors import InputError, did_you_mean, explain_arguments, missing, require_whole, short_repr
 from .expressions import CONSTANTS, FUNCTIONS, check_expression, names_in, number, values_of
 from .guards import FEW, guard_of, orders_of, slides_at
 from .guards import Guard as Guard
@@ -32,9 +32,7 @@ def check_modes(kind: Any, where: str) -> None:
     """Check `DEGREES_OF_FREEDOM`, `MODES` and `WALLS` of a system's class; InputError names the
     attribute."""
     size = kind.DEGREES_OF_FREEDOM
-    if not _is_count(size):
-        found = f"found {short_repr(size)}"
-        raise InputError(f"{where}.DEGREES_OF_FREEDOM", found, "give a whole number >= 1")
+    require_whole(size, f"{where}.DEGREES_OF_FREEDOM")
     modes = _modes(kind.MODES, size, f"{where}.MODES")
     if not hasattr(kind, "WALLS"):
         return
@@ -811,12 +809,8 @@ def _resolve_parameters(
             raise InputError(p.name, f"given together with {' and '.join(finer)}", accepted)
         in_force = [p]
         if finer:
-            in_force = [
-                Parameter(
-                    n, p.unit, f"{p.meaning} ({n})", p.default, p.lower, p.upper, p.above_lower
-                )
-                for n in p.split
-            ]
+            own = [(name, f"{p.meaning} ({name})") for name in p.split]
+            in_force = [replace(p, name=n, meaning=text, split=(), apart="") for n, text in own]
         for q in in_force:
             if q.default is None and q.name not in given:
                 instead = f" (or {' and '.join(p.split)})" if p.split and not finer else ""

@@ -92,15 +92,21 @@ def sweep_cells(path: Path) -> tuple[str, list[dict[str, str]]]:
     Raises InputError if the file is not of this schema or damaged.
     """
     with check_reading(path, SWEEP):
-        head, _, table = read_bounded(path).decode().partition("\n")
-        found = json.loads(head.removeprefix("# "))
-        if found.get("schema") != SWEEP:
-            raise InputError(str(path), f"its schema is {found.get('schema')!r}", f"give {SWEEP!r}")
-        if not table.endswith("\n"):
-            raise ValueError("cut short")
-        names, *lines = csv.reader(io.StringIO(table))
+        head, names, lines = _short_table(path, SWEEP)
         rows = [dict(zip(names, map(unescape_text, line), strict=True)) for line in lines]
-        return str(found.get("parameter", "")), rows
+        return str(head.get("parameter", "")), rows
+
+
+def _short_table(path: Path, schema: str) -> tuple[dict[str, Any], list[str], list[list[str]]]:
+    """The record in a table's first line, its columns and rows; it must end with a whole row."""
+    head, _, table = read_bounded(path).decode().partition("\n")
+    found = json.loads(head.removeprefix("# "))
+    if found.get("schema") != schema:
+        raise InputError(str(path), f"its schema is {found.get('schema')!r}", f"give {schema!r}")
+    if not table.endswith("\n"):
+        raise ValueError("cut short")
+    names, *lines = csv.reader(io.StringIO(table))
+    return found, names, lines
 
 
 # Entries.
@@ -537,10 +543,7 @@ def read_fractions(path: Path) -> tuple[str, list[Share]]:
     Raises InputError if it is not of this schema, or damaged.
     """
     with check_reading(path, FRACTIONS):
-        head, _, table = read_bounded(path).decode().partition("\n")
-        if json.loads(head.removeprefix("# ")).get("schema") != FRACTIONS:
-            raise ValueError("another schema")
-        (parameter, *_), *rows = csv.reader(io.StringIO(table))
+        _, (parameter, *_), rows = _short_table(path, FRACTIONS)
         return parameter, [Share.of(row) for row in rows]
 
 
