@@ -38,11 +38,11 @@ from ..orbits.cyclic_chain import (
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.status import known_multipliers, pencil_multipliers, products_of, stability_of
 from ..segments.compiling import timed_plainly
-from ..segments.layout import SECTION, Blocks, Setup
+from ..segments.layout import SECTION, Blocks
 from ..segments.oscillation import MOST, ROW
 from ..segments.segment import AT_SECTION, ELSEWHERE
 from ..segments.touches import coordinates
-from .orbit_backend import Functions, OrbitBackend
+from .orbit_backend import Functions, OrbitBackend, plainly
 
 if TYPE_CHECKING:
     from ..segments.machine_code import Program
@@ -180,17 +180,8 @@ class ChainBackend(OrbitBackend[ChainVectors]):
             found: Blocks = flights[kind](*ends[: 2 * m], *values)
             return found
 
-        def setup(values: Vector) -> Setup:
-            return kernels.setup(*values)
-
         def law(wall: int, ends: Vector, values: Vector) -> Vector:
             return kernels.law(named[wall])(*ends[:m], *values)
-
-        def evaluate(orbit: ChainVectors, z: Vector) -> float:
-            try:
-                return evaluate_chain(flight, setup, orbit, z)
-            except (ArithmeticError, ValueError):
-                return math.nan
 
         def follow(orbit: ChainVectors, wall: int, z: Vector, at: int, length: float) -> int:
             return follow_law(law, orbit, wall, z, at, length)
@@ -200,6 +191,7 @@ class ChainBackend(OrbitBackend[ChainVectors]):
         ) -> None:
             observe_chain(measure_chain, follow, orbit, z, row, at)
 
+        evaluate = plainly(evaluate_chain, self.problem, flight)
         return evaluate, chain_step, tangent_of_chain, observe
 
     @property
@@ -330,17 +322,8 @@ class SectionBackend(ChainBackend):
             rows, start, end, by = noticed(z[0], 0.0 if free else z[1], *z[2:m], *z[:m], *values)
             return rows, tuple(problem.leaves(start).tolist()), end, by
 
-        def setup(values: Vector) -> Setup:
-            return kernels.setup(*values)
-
         def spans(z: Vector, period: float) -> tuple[float, float]:
             return (z[1], z[1]) if free else (periods * period, period)
-
-        def evaluate(orbit: ChainVectors, z: Vector) -> float:
-            try:
-                return evaluate_section(flight, spans, setup, orbit, z)
-            except (ArithmeticError, ValueError):
-                return math.nan
 
         def follow(orbit: ChainVectors, wall: int, z: Vector, at: int, length: float) -> int:
             return -1
@@ -350,6 +333,7 @@ class SectionBackend(ChainBackend):
         ) -> None:
             observe_chain(measure_section, follow, orbit, z, row, at)
 
+        evaluate = plainly(evaluate_section, problem, flight, spans)
         return evaluate, chain_step, tangent_of_chain, observe
 
     @functools.cached_property

@@ -5,8 +5,8 @@ from __future__ import annotations
 import functools
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, ClassVar, Generic, TypeAlias, TypeVar
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -370,15 +370,6 @@ def plain_functions(problem: OrbitProblem, fixed: list[float] | None) -> Functio
     flight, excursion = kernels.flights, excursion_of(kernels, in_time)
     moving = kernels.depends("harmonics")
 
-    def setup(values: Vector) -> Setup:
-        return kernels.setup(*values)
-
-    def evaluate(orbit: OrbitVectors, z: Vector) -> float:
-        try:
-            return evaluate_cycle(flight, setup, orbit, z)
-        except (ArithmeticError, ValueError):
-            return math.nan
-
     def breaks(values: Vector, period: float, zeros: Vector) -> list[float] | None:
         return time_zeros(kernels.harmonics(*values), period) if moving else fixed
 
@@ -387,4 +378,23 @@ def plain_functions(problem: OrbitProblem, fixed: list[float] | None) -> Functio
     ) -> None:
         observe_cycle(breaks, excursion, orbit, z, row, at)
 
+    evaluate = plainly(evaluate_cycle, problem, flight)
     return evaluate, newton_step, tangent_of_cycle, observe
+
+
+def plainly(
+    evaluate: Callable[..., float], problem: OrbitProblem, *of: Callable[..., Any]
+) -> Callable[[V, Vector], float]:
+    """Return what evaluates points of a problem, by functions such as flights; it returns no number
+    where they fail."""
+
+    def setup(values: Vector) -> Setup:
+        return problem.kernels.setup(*values)
+
+    def evaluate_point(orbit: V, z: Vector) -> float:
+        try:
+            return evaluate(*of, setup, orbit, z)
+        except (ArithmeticError, ValueError):
+            return math.nan
+
+    return evaluate_point
