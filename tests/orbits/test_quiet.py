@@ -198,6 +198,7 @@ def test_no_forcing_at_all_costs_no_more_than_some(c, k, monkeypatch):
     assert max(counts) < 100
 
 
+@pytest.mark.full
 def test_events_are_restored_from_their_states(tmp_path):
     """Also at the pitchfork of a pendulum, where no search finds the singular orbit, and orbits one
     turn further, whose multipliers are the same, are others."""
@@ -226,6 +227,7 @@ def test_events_are_restored_from_their_states(tmp_path):
     assert end == pytest.approx(middle.unknowns[:2], abs=1e-11)
 
 
+@pytest.mark.full
 def test_an_older_entry_has_the_orbit_of_its_multipliers_or_says_that_there_is_none():
     pytest.importorskip("heyoka")
     model = Duffing(a=0.3, omega=1.3, c=0.1, alpha=1.0, beta=1.0, sigma=0.8, r=0.8)

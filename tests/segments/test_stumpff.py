@@ -89,6 +89,7 @@ def test_around_the_end_of_the_series(k):
 
 
 @pytest.mark.parametrize("k", ORDERS)
+@pytest.mark.quick(3)
 def test_large_arguments(k):
     assert max(worst(k, FAR)) < BEYOND[k]
 
