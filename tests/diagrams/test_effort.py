@@ -133,7 +133,7 @@ CALLS = {
     ("never", ALL, "own"): 16400,
     ("always", (), "own"): 1110,
     ("always", ("FB", "BP"), "own"): 1500,
-    ("always", ALL, "own"): 2320,
+    ("always", ALL, "own"): 2800,
     ("always", (), "fixed"): 2310,
     ("always", ("FB", "BP"), "fixed"): 2850,
     ("always", ALL, "fixed"): 5180,
