@@ -284,7 +284,7 @@ def machine_of_table(given: Mapping[str, Any], parameters: Sequence[str]) -> Mac
     names = _coordinates(given["coordinates"], parameters)
     matrices = {name: _matrix(given[name], len(names), name) for name in MATRICES}
     force = _expressions(given["force"], len(names), "force")
-    guards = tuple(_guard(name, g, names) for name, g in given["guards"].items())
+    guards = tuple(_guard(name, g, names, parameters) for name, g in given["guards"].items())
     period = text_of(given["period"], "period")
     machine = Machine(
         tuple(parameters), names, **matrices, force=force, period=period, guards=guards
@@ -348,7 +348,9 @@ def text_of(given: Any, where: str) -> str:
     return repr(given)
 
 
-def _guard(name: str, given: Any, coordinates: Sequence[str]) -> StatedGuard:
+def _guard(
+    name: str, given: Any, coordinates: Sequence[str], parameters: Sequence[str]
+) -> StatedGuard:
     where = f"guards.{name}"
     if not isinstance(given, Mapping):
         accepted = 'give { within = "...", restitution = "..." }'
@@ -359,23 +361,28 @@ def _guard(name: str, given: Any, coordinates: Sequence[str]) -> StatedGuard:
     for key in ("within", "restitution"):
         if key not in given:
             raise InputError(f"{where}.{key}", "missing", f"give {key}, an expression in quotes")
-    row, side, position = surface_of(given["within"], f"{where}.within", coordinates)
+    row, side, position = surface_of(given["within"], f"{where}.within", coordinates, parameters)
     restitution = text_of(given["restitution"], f"{where}.restitution")
     return StatedGuard(name, row, side, position, restitution)
 
 
 def surface_of(
-    text: Any, where: str, coordinates: Sequence[str]
+    text: Any, where: str, coordinates: Sequence[str], parameters: Sequence[str]
 ) -> tuple[tuple[float, ...], int, str]:
     """Return row, side and position of a stated guard; where it is on one coordinate, this is the
-    gap coordinate, whatever factor it has."""
+    gap coordinate, whatever factor it has.
+
+    Raises InputError with the text as it was stated.
+    """
     gap, side, position = _sides(text, where, coordinates)
     row = row_of(gap, where, coordinates)
     factors = [factor for factor in row if factor]
     if len(factors) > 1 or factors == [1.0]:
         return row, side, position
+    check_expression(position, where, parameters, growing=True)
     (factor,) = factors
-    position = f"-({position})" if factor == -1.0 else f"({position})/({factor!r})"
+    divisor = int(factor) if factor.is_integer() else factor
+    position = f"-({position})" if factor == -1.0 else f"({position})/({divisor!r})"
     return tuple(float(c != 0.0) for c in row), side if factor > 0.0 else -side, position
 
 

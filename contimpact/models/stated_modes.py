@@ -224,7 +224,7 @@ def modes_of_table(given: Mapping[str, Any], parameters: Sequence[str]) -> State
         if name in mode.variables
     )
     guards = tuple(
-        _guard(name, names, mode, table, tuple(sections))
+        _guard(name, names, mode, table, tuple(sections), parameters)
         for name, (names, mode, table) in tables.items()
     )
     period = text_of(given["period"], "period")
@@ -301,10 +301,11 @@ def _guard(
     mode: StatedMode,
     given: Mapping[str, Any],
     sections: Sequence[str],
+    parameters: Sequence[str],
 ) -> StatedGuard:
     where = f"guards.{name}"
     coordinates = mode.coordinates(sections)
-    row, side, position = surface_of(given["within"], f"{where}.within", coordinates)
+    row, side, position = surface_of(given["within"], f"{where}.within", coordinates, parameters)
     after, past = _texts(given.get("set", {}), f"{where}.set"), given.get("past", "")
     return StatedGuard(name, names, given.get("to", names[0]), row, side, position, after, past)
 

@@ -205,6 +205,12 @@ def test_a_guard_on_one_coordinate_has_it_as_its_gap_coordinate(text):
     assert position == pytest.approx(model.values["sigma_1"], rel=1e-15)
 
 
+def test_a_mistake_in_such_a_guard_is_shown_as_it_was_stated():
+    guards = MASSES["guards"] | {"A": {"within": "-2*x1 >= -2*sigma", "restitution": "r"}}
+    with pytest.raises(InputError, match=r"guards\.A\.within: unknown name 'sigma' in '-2\*sigma'"):
+        scene_of(MASSES | {"guards": guards})
+
+
 def test_names_may_be_words_of_python():
     renamed = json.loads(json.dumps(MASSES).replace("a1", "lambda").replace("x2", "None"))
     assert scene_of(renamed).model.values["lambda"] == 1.0
