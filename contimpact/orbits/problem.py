@@ -485,8 +485,9 @@ def rounding_of_setup(problem: OrbitProblem, unknowns: Array) -> Setup:
     return bounds_of_kernel(problem.kernels.setup, problem.values(unknowns))[1]
 
 
-INSTANTS = 8
-"""Parts of a flight at whose ends the largest speed on it is sought."""
+INSTANTS = sorted(k * (math.sqrt(5.0) - 1.0) / 2.0 % 1.0 for k in range(1, 8))
+"""Parts of a flight at whose ends the largest speed on it is sought: of a motion with a period of
+its own, which the flight lasts several times, they are different phases."""
 
 VANISHING = 1e-9
 """A section coordinate that is below this part of its largest along the flights at all impacts
@@ -904,16 +905,16 @@ class OrbitProblem:
         fastest = 0.0
         for segment, (row, later) in zip(self.segments, pairwise(rows), strict=True):
             track, length = segment.track, later[0] - row[0]
-            for part in range(1, INSTANTS):
-                speed = abs(track(row, part * length / INSTANTS, p)[1])
-                fastest = max(fastest, speed)
+            for part in INSTANTS:
+                fastest = max(fastest, abs(track(row, part * length, p)[1]))
         return fastest
 
     def _largest_along(self, unknowns: Array) -> dict[tuple[float, ...], tuple[float, Array]]:
         """The largest speed at instants of the flights that leave surfaces of one gap coordinate,
         and the largest along all flights of each section coordinate but the first."""
-        motion = motion_of(Linearisation(self, unknowns), INSTANTS + 1)
-        shape = len(self.word), INSTANTS + 1, self.model.DEGREES_OF_FREEDOM
+        places = np.array([0.0, *INSTANTS, 1.0])
+        motion = motion_of(Linearisation(self, unknowns), places)
+        shape = len(self.word), len(places), self.model.DEGREES_OF_FREEDOM
         speeds = np.abs(np.einsum("kij,kj->ki", motion.v.reshape(shape)[:, 1:-1], self.rows))
         largest = np.max(np.abs([motion.x, motion.v]), axis=1).T
         return {

@@ -406,7 +406,7 @@ class QuietProblem(OrbitProblem):
         length = self.span(unknowns)
         guard = self.model.WALLS[0]
         if self.kernels.integrated(SECTION):
-            times = length / INSTANTS * np.arange(INSTANTS)
+            times = length * np.array(INSTANTS)
             try:
                 track = integrated_track(self.kernels, SECTION, state, values, length)
             except ArithmeticError:
@@ -415,9 +415,7 @@ class QuietProblem(OrbitProblem):
             row = np.array(guard.row(self.m // 2), dtype=float)
             return float(np.max(np.abs(speeds @ row[: speeds.shape[1]])))
         since = self.kernels.since(guard.name)
-        return max(
-            abs(since(*state, part * length / INSTANTS, *values)[1]) for part in range(INSTANTS)
-        )
+        return max(abs(since(*state, part * length, *values)[1]) for part in (0.0, *INSTANTS))
 
     def difference(self, one: Array, other: Array) -> Array:
         """Return one - other as orbits."""

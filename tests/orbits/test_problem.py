@@ -392,3 +392,19 @@ def test_derived(pair, problem_of):
     problem = problem_of(pair(d=0.242), "BT", "A")
     here = problem.evaluate(random_point(problem, 17))
     assert here.derived == pytest.approx({"d": 0.242, "gbar": 0.12201}, rel=1e-14)
+
+
+@pytest.mark.parametrize("laps", [1, 2, 4, 8])
+def test_velocities_have_a_natural_size_where_a_flight_begins_and_ends_at_rest(
+    oscillator, problem_of, laps
+):
+    """The steady response that touches the stop is at rest twice a period: at all eighths of four
+    or eight periods."""
+    model = oscillator(c=0.1)
+    a, omega, c, k = (model.values[name] for name in ("a", "omega", "c", "k"))
+    swing = a / math.hypot(k - omega**2, c * omega)
+    problem = problem_of(model, "S" if laps == 1 else f"S/{laps}T", "sigma")
+    touching = np.array([math.atan2(c * omega, k - omega**2) / omega, 0.0, swing])
+    assert np.max(np.abs(problem.evaluate(touching).residual)) < 1e-13
+    speed = problem.scale(touching, 1.0)[1]
+    assert 0.5 * omega * swing < speed <= omega * swing * (1.0 + 1e-12)
