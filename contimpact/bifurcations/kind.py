@@ -12,7 +12,7 @@ import enum
 import functools
 import importlib
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Protocol, TypeAlias
 
@@ -84,6 +84,35 @@ def null_vector_start(problem: OrbitProblem, unknowns: Array) -> Start | None:
     return (
         None if tangent is None else Start(problem, unknowns, orient_vector(tangent), False, True)
     )
+
+
+BESIDE, ATTEMPTS = 1e-4, 5
+"""How far from an event the orbits beside it are, in natural sizes, far beyond rounding, and in how
+many steps with the event's Jacobian they are reached."""
+
+
+def orbits_beside(here: Linearisation) -> Iterator[Linearisation]:
+    """Yield the orbits of the branch in the first parameter on both sides of a point, those that
+    are reached."""
+    problem, last = here.problem, here.problem.n + 1
+    units, columns = here.sizes[0], here.sizes[1][:last]
+    left, sizes, right = np.linalg.svd(here.jacobian[:, :last] * columns / units[:, None])
+    if not sizes[-1] > 1e-10 * sizes[0]:
+        return
+    inverse = columns[:, None] * right[:-1].T / sizes @ (left.T / units)
+    for step in (BESIDE, -BESIDE):
+        unknowns = here.unknowns.copy()
+        unknowns[:last] += step * columns * right[-1]
+        try:
+            for _ in range(ATTEMPTS):
+                there = problem.evaluate(unknowns)
+                if np.max(np.abs(there.residual) / units) < BESIDE**2:
+                    yield there
+                    break
+                unknowns = unknowns.copy()
+                unknowns[:last] -= inverse @ there.residual
+        except (ArithmeticError, ValueError):
+            continue
 
 
 def rate_error(start: Start) -> float:
@@ -297,6 +326,25 @@ class Kind(ABC):
     def verdict(self, here: Linearisation, details: Details) -> Verdict:
         """Return the verdict on the orbit, the event itself not held against it."""
         return here.verdict
+
+    def verdict_on_branch(
+        self, here: Linearisation, details: Details, known: Iterable[Linearisation] = ()
+    ) -> Verdict:
+        """As `verdict`, but an orbit counts as unphysical where those of its branch are on both
+        sides: what they violate may all vanish at the event. `known` are orbits beside it."""
+        found = self.verdict(here, details)
+        of_others = self.changes is not Change.PHYSICALITY or any(o.verdict.physical for o in known)
+        if of_others or not found.physical:
+            return found
+        reasons = []
+        for there in orbits_beside(here):
+            if there.verdict.physical:
+                return found
+            reasons.append(str(there.verdict.reason))
+        if len(reasons) < 2:
+            return found
+        reason = f"orbits beside it are not physical: {' and '.join(reasons)}"
+        return replace(found, physical=False, reason=reason)
 
     def label(self, ghost: bool, word: Word, beyond: Word | None, walls: Sequence[str]) -> str:
         """Return the label of an event: ``~G[2:1->2:2]``."""

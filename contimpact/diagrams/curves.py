@@ -562,7 +562,7 @@ def _row(point: Point[CurvePoint]) -> dict[str, float | str]:
     multipliers, n_unstable = kind.multipliers(orbit, details)
     for k, mu in enumerate(multipliers.tolist(), start=1):
         row |= {f"multiplier{k}_re": mu.real, f"multiplier{k}_im": mu.imag}
-    verdict = kind.verdict(orbit, details)
+    verdict = kind.verdict_on_branch(orbit, details)
     return row | {
         "n_unstable": n_unstable,
         "physical": int(verdict.physical),

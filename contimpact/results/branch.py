@@ -409,7 +409,10 @@ class Entry(ParameterItems, NotebookResult):
     multipliers_after: Sequence[tuple[float, float] | None] = attribute("at the point after")
     n_unstable: int = column("multipliers outside the unit circle, without the event's own")
     stable: bool = column("whether `n_unstable` is 0")
-    physical: bool = column("whether the orbit is physical but for the event's own touch or impact")
+    physical: bool = column(
+        "whether the orbit is physical but for the event's own touch or impact, and the branch on "
+        "one side at least"
+    )
     reason: str | None = column("why it is not physical")
     residual: float = column("largest residual of the equations that the event solves")
     error: float = column(

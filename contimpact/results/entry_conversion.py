@@ -36,7 +36,8 @@ def entry_of(event: Event, identity: str, branch: str, before: Point, after: Poi
     becomes = kind.next_word(event)
     added = 0 if becomes is None else len(becomes) - len(word)
     multipliers, n_unstable = kind.multipliers(here, details)
-    verdict = kind.verdict(here, details)
+    beside = before.evaluation, after.evaluation
+    verdict = kind.verdict_on_branch(here, details, beside)
     ghost = n_unstable > 0 or not verdict.physical
     side, slope = kind.criticality(event, before, after)
     return Entry(

@@ -20,6 +20,7 @@ from contimpact.bifurcations.kind import kind_of, test_functions
 from contimpact.continuation.branch import EndKind, Event, Point
 from contimpact.continuation.settings import Settings
 from contimpact.continuation.walk import walk
+from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.errors import InputError
 from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem
@@ -815,3 +816,36 @@ def test_impacts_that_merge_lose_their_velocities_with_their_flight():
     assert f"impact {flight} on wall B runs the wrong way" in after.evaluation.verdict.reason or (
         "out of order" in after.evaluation.verdict.reason
     )
+
+
+def kicked_oscillator_stays_inside(laps, c, k):
+    """Whether orbits of so many periods that begin where the oscillator's steady response touches
+    its stop hit it once, from the transient of a small kick, summed over all earlier ones."""
+    rate = math.sqrt(k - c * c / 4.0)
+    begun = [2.0 * math.pi * lap for lap in range(400 * laps)]
+    responses = [math.exp(-c * t / 2.0) * math.sin(rate * t) for t in begun]
+    at_rest, *later = (math.fsum(responses[lap::laps]) for lap in range(laps))
+    return all(response > at_rest for response in later)
+
+
+@pytest.mark.quick(5)
+@pytest.mark.parametrize("laps", [2, 4, 3, 8, 1, 5, 6, 7])
+@pytest.mark.parametrize("k", [0.3721, 0.02, 2.2, 0.15])
+def test_orbits_of_several_periods_are_born_physical_or_as_ghosts(k, laps):
+    """All of them have a V where the response grazes, at which the orbit itself passes nothing;
+    beside it most hit too late, on both sides."""
+    c = 0.1
+    grazing = 1.0 / math.hypot(k - 1.0, c)
+    model = Oscillator(a=1.0, omega=1.0, c=c, k=k, sigma=0.9 * grazing, r=0.8)
+    orbits = find_orbits(model, f"S/{laps}T" if laps > 1 else "S", parameter="sigma")
+    limits = (0.3 * grazing, 1.5 * grazing)
+    branches = (
+        continue_orbit(orbit, "sigma", limits, events=["V"], unphysical=True) for orbit in orbits
+    )
+    event = next(event for branch in branches for event in branch.events)
+    assert event.value == pytest.approx(grazing, rel=1e-14)
+    assert event.physical == kicked_oscillator_stays_inside(laps, c, k)
+    if not event.physical:
+        assert event.ghost
+        assert "passes wall S" in event.reason
+        assert "impact 1 on wall S runs the wrong way" in event.reason
