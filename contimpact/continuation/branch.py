@@ -278,11 +278,13 @@ class Event(Generic[E]):
 
 @dataclass(frozen=True)
 class MissedEvent:
-    """A sign change that could not be located, with the reason."""
+    """A sign change that could not be located, with the reason; `arclength` is where on its walk,
+    infinite where that is not told."""
 
     kind: str
     parameters: tuple[float, float]
     reason: str
+    arclength: float = np.inf
 
 
 @dataclass(frozen=True, eq=False)

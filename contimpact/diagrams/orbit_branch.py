@@ -23,6 +23,7 @@ from ..continuation.branch import (
     EndKind,
     Evaluation,
     Event,
+    MissedEvent,
     Point,
     Points,
     TestFunction,
@@ -54,7 +55,7 @@ from ..progress import Asked, chain_callbacks, counting_callback, progress_lines
 from ..results.branch import Branch, Entry, columns_of
 from ..results.diagram import Diagram
 from ..results.entry_conversion import entry_by_name, entry_first, entry_of, event_of, to_orbit
-from .orbit_walks import walk_orbits
+from .orbit_walks import ON_CIRCLE, walk_orbits
 
 # From the points of a branch and its entries to the columns of its table.
 
@@ -492,6 +493,7 @@ class Run:
             f"{m.kind} between {problem.parameter} = {m.parameters[0]:.12g} and "
             f"{m.parameters[1]:.12g}: {m.reason}"
             for m in (*backward.missed, *forward.missed)
+            if not self._begins_at(m)
         ]
         return Branch(
             id=name,
@@ -507,6 +509,16 @@ class Run:
             missed=missed,
             origin=origin,
             notes=list(dict.fromkeys([*backward.notes, *forward.notes])),
+        )
+
+    def _begins_at(self, missed: MissedEvent) -> bool:
+        """Whether a change right at the start is that of the event at which the walks begin: one
+        of them has located it, and only then the count of unstable multipliers changes."""
+        start, problem = self.walks[0].points[0], self.problem
+        return missed.arclength < ON_CIRCLE and any(
+            event.kind == missed.kind
+            and problem.apart(event.point.unknowns, start.unknowns) < SAME_SOLUTION
+            for event in self.events
         )
 
     def around(self, event: Event) -> tuple[Point, Point]:

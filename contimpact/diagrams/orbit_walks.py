@@ -309,7 +309,8 @@ def _missed_change(kind: str, arc: Arc, change: Change) -> MissedEvent:
         remedy = "its place is closed in to rounding: smaller steps tell no more"
     else:
         remedy = "a smaller max_step may tell"
-    return MissedEvent(kind, (left.parameter, right.parameter), f"{reason}; {remedy}")
+    ends = left.parameter, right.parameter
+    return MissedEvent(kind, ends, f"{reason}; {remedy}", right.arclength)
 
 
 # Where the forcing's period goes to infinity within a range, as where a frequency goes to zero.

@@ -9,6 +9,7 @@ from contimpact.orbits.quiet import problem_of
 from contimpact.orbits.search import find_orbits, orbit_at
 from contimpact.results.scene import read_scene
 from contimpact.segments.kernels import Kernels
+from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
 from contimpact.systems.two_masses import TwoMasses
 
@@ -64,3 +65,27 @@ def test_an_extremum_that_comes_from_the_next_flight(limits):
     assert np.any(gaps < -1.5)  # it jumps on the way
     assert not branch.missed
     assert not branch.events
+
+
+@pytest.mark.parametrize("parameter", ["s", "r"])
+def test_the_event_at_which_a_walk_begins_is_found_and_explains_what_changes_there(parameter):
+    """Right at an event multipliers within rounding of the unit circle count as stable: the count
+    changes beside it, on the side of the walk that has not located it."""
+    model = ImpactPair(beta="pi/3", r=0.5, A=5.0, s=0.3)
+    asked = {"events": ["FB", "PD", "G"], "unphysical": True}
+    found = {}
+    for word in ("1:1", "2:1"):
+        for orbit in find_orbits(model, word, parameter="s"):
+            for event in continue_orbit(orbit, "s", (0.1, 1.05), **asked).events:
+                if event.kind in ("FB", "PD"):
+                    found[event.kind, event.value] = event
+    assert {kind for kind, _ in found} == {"FB", "PD"}
+    for event in found.values():
+        start = event.orbit()
+        value = start.parameters[parameter]
+        branch = continue_orbit(start, parameter, (0.7 * value, 1.3 * value), **asked)
+        assert branch.missed == []
+        assert any(
+            other.kind == event.kind and other.value == pytest.approx(value, rel=1e-12)
+            for other in branch.events
+        )
