@@ -258,9 +258,9 @@ class _SymmetricEnd(Policy):
         shorter, moved = reduce_period(self.problem, point.unknowns, AT_IMAGE)
         if self.known is not None and (branch := self.known(shorter, moved)):
             return End.of(EndKind.KNOWN, name, value, known=branch)
-        letters = self.problem.model.letters
-        times = self.problem.word.period // shorter.word.period
-        return End.of(kind, name, value, word=shorter.word.notation(letters), times=times)
+        letters, word = self.problem.model.letters, self.problem.word
+        laps = len(word) // len(shorter.word) if word.walls else word.period // shorter.word.period
+        return End.of(kind, name, value, word=shorter.word.notation(letters), times=laps)
 
 
 BEYOND = 0.1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
+from types import SimpleNamespace
 
 import mpmath
 import numpy as np
@@ -13,7 +14,9 @@ from scipy.optimize import brentq
 
 import contimpact as ci
 from contimpact.accuracy.reference import Reference
+from contimpact.bifurcations.kind import double_orbit
 from contimpact.continuation.branch import EndKind
+from contimpact.diagrams.orbit_branch import symmetric_end
 from contimpact.errors import InputError
 from contimpact.models.model import Formulas
 from contimpact.models.word import Word, parse_word
@@ -508,3 +511,13 @@ def test_a_cycle_born_without_impacts_is_run_once():
     assert born.orbit(0).period == pytest.approx(VAN_DER_POL, rel=1e-12)
     (grazing,) = born.events
     assert grazing.value == pytest.approx(vanishing.value, rel=1e-13)
+
+
+def test_the_end_of_a_branch_that_becomes_a_shorter_one_counts_the_laps():
+    """Words of cycles have no periods of a forcing to count by."""
+    (orbit,) = ci.find_orbits(oscillator(), "S", parameter="c")
+    twice = double_orbit(double_orbit(orbit.linearisation))
+    end = symmetric_end(twice.problem)
+    assert end.images(twice.unknowns, 1e-9) == [EndKind.SHORTER]
+    message = end.end(EndKind.SHORTER, SimpleNamespace(unknowns=twice.unknowns, parameter=-0.1))
+    assert "became 1, run 4 times, at c = -0.1" in message.message
