@@ -16,6 +16,7 @@ per period:
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from math import isclose
@@ -281,6 +282,13 @@ def read(diagram: DiagramSurvey) -> Reading:
     )
 
 
+TURNED = 1e-6
+"""Part of a run by which the parameter goes beyond its values at both ends where it turns."""
+
+SAME_VALUE = 1e-9
+"""Values of the parameter that differ by less than this part are told apart by rounding alone."""
+
+
 @explain_arguments
 def stable_intervals(branch: Branch | DiagramSurvey) -> list[Interval]:
     """Return the runs of stable physical orbits of a branch.
@@ -302,12 +310,30 @@ def stable_intervals(branch: Branch | DiagramSurvey) -> list[Interval]:
     values = branch[branch.parameter]
     found = []
     for first, beyond in edges.reshape(-1, 2).tolist():
-        ends = (_bound(branch, first, -1), _bound(branch, beyond - 1, +1))
-        places = [(float(values[row]), name) for row, name in ends]
-        (low, low_name), (high, high_name) = sorted(places, key=lambda place: place[0])
-        found.append(Interval(branch.id, branch.notation, low, high, (low_name, high_name)))
+        ends = [_bound(branch, first, -1), _bound(branch, beyond - 1, +1)]
+        ends[1:1] = _turns(branch, *(row for row, _ in ends))
+        for two in itertools.pairwise(ends):
+            places = [(float(values[row]), name) for row, name in two]
+            (low, low_name), (high, high_name) = sorted(places, key=lambda place: place[0])
+            found.append(Interval(branch.id, branch.notation, low, high, (low_name, high_name)))
     joined = _join_intervals(found)
     return _join_at_seam(joined) if branch.ends[0].kind is EndKind.CLOSED else joined
+
+
+def _turns(branch: Branch, first: int, last: int) -> list[tuple[int, str | None]]:
+    """The rows between two at which the parameter turns and stability does not change, with what is
+    there: a branch that is born at a pitchfork and followed both ways turns at its birth."""
+    values = branch[branch.parameter][first : last + 1]
+    ends = sorted((values[0], values[-1]))
+    least = max(TURNED * float(np.ptp(values)), SAME_VALUE * float(np.max(np.abs(values))))
+    for place in (int(np.argmin(values)), int(np.argmax(values))):
+        if max(ends[0] - values[place], values[place] - ends[1]) > least:
+            row = first + place
+            name = str(branch["event"][row]) or (
+                EndKind.BORN.name.lower() if branch.origin else None
+            )
+            return [*_turns(branch, first, row), (row, name), *_turns(branch, row, last)]
+    return []
 
 
 def unknown_intervals(branch: Branch) -> list[Interval]:
@@ -378,14 +404,11 @@ def _bistable(
     for i, one in enumerate(stable):
         for other in stable[i + 1 :]:
             low, high = max(one.low, other.low), min(one.high, other.high)
-            wide = high - low > 1e-9 * max(abs(low), abs(high))
+            wide = high - low > SAME_VALUE * max(abs(low), abs(high))
             if wide and member[one.branch] == member[other.branch]:
-                found.append(
-                    Bistability(
-                        (one.branch, other.branch), (one.notation, other.notation), low, high
-                    )
-                )
-    return found
+                names = (one.branch, other.branch), (one.notation, other.notation)
+                found.append(Bistability(*names, low, high))
+    return list(dict.fromkeys(found))
 
 
 def _transition(

@@ -134,3 +134,38 @@ def test_readings_print(fig7):
     text = str(read(fig7))
     assert "mechanism 4" in text
     assert text.count("stable") >= 5
+
+
+def test_orbits_on_both_sides_of_a_pitchfork_are_stable_in_intervals_of_their_own():
+    """Nothing says that a stated oscillator between two stops is symmetric: the branch that is born
+    is followed both ways, to its orbits and their mirror images."""
+    stated = {
+        "name": "two stops",
+        "model": {
+            "system": "linear",
+            "coordinates": ["x"],
+            "mass": [1],
+            "damping": ["c"],
+            "stiffness": [[0]],
+            "force": ["cos(1.7*t)"],
+            "period": "2*pi/1.7",
+            "parameters": {"c": 0.1, "sigma": 0.5, "r": 0.7},
+            "guards": {
+                "R": {"within": "x <= sigma", "restitution": "r"},
+                "L": {"within": "x >= -sigma", "restitution": "r"},
+            },
+        },
+        "follow": {"parameter": "sigma", "range": [0.2, 0.6], "orbits": ["RL"], "switch": ["BP"]},
+        "detect": {"events": ["FB", "BP", "PD"]},
+    }
+    reading = read(diagram := follow(read_scene(stated)))
+    (pitchfork,) = [e for e in diagram.entries if e.kind == "BP"]
+    doublings = [e for e in diagram.entries if e.kind == "PD"]
+    broken = [i for i in reading.stable if i.branch == pitchfork.opens[0]]
+    assert [i.bounds for i in broken] == [(e.id, "born") for e in doublings]
+    for interval, doubling in zip(broken, doublings, strict=True):
+        assert (interval.low, interval.high) == (doubling.value, pytest.approx(pitchfork.value))
+    (both,) = reading.bistable
+    assert both.branches == (pitchfork.opens[0],) * 2
+    assert both.low == pytest.approx(0.3425285956521837, abs=1e-13)
+    assert both.high == pytest.approx(0.4688398785842809, abs=1e-13)
