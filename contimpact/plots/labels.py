@@ -275,7 +275,9 @@ def name_orbits(ax: Any, pieces: Sequence[Piece]) -> int:
     marks = [line for line in ax.lines if line.get_linestyle() == "None"]
     spots = [in_points(*m.get_data()) for m in marks]
     filled = np.vstack([np.zeros((0, 2)), *(points for points, _ in seen), *spots])
-    taken: list[tuple[float, float, float, float]] = []
+    walls = [t for t in ax.texts if t.get_gid() == "wall"]
+    letters = [in_points(*np.reshape(t.xy, (2, 1)))[0] + t.xyann for t in walls]
+    taken = [(x, y - HEIGHT / 2.0, x + HEIGHT, y + HEIGHT / 2.0) for x, y in letters]
     left_out = 0
     for name, curves in _stretches(seen):
         wide = text_width(name) * NAMES_SIZE / 8.0 + 2.0

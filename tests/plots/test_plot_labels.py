@@ -10,13 +10,15 @@ import re
 import tomllib
 
 import matplotlib
+import matplotlib.figure
 import numpy as np
 import pytest
+from matplotlib.text import Text
 from zoo import ROOT
 
 from contimpact import InputError, follow, plot_diagram, read_scene
 from contimpact.plots import labels as placing
-from contimpact.plots.lines import fixed_values, symbol, units_of, value_text, values_text
+from contimpact.plots.lines import Piece, fixed_values, symbol, units_of, value_text, values_text
 from contimpact.results.diagram import Diagram
 from contimpact.results.options import LABELS
 
@@ -249,3 +251,17 @@ def test_values(value, text):
 )
 def test_symbols(name, text):
     assert symbol(name) == text
+
+
+def test_names_of_orbits_keep_off_the_letters_of_walls():
+    """On a short stable stretch near the frame, where its wall's letter stands, too."""
+    figure = matplotlib.figure.Figure()
+    ax = figure.add_subplot(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
+    stretch = np.linspace(0.95, 0.9695, 20)
+    piece = Piece("R", "stable", stretch, np.full(20, 0.5), "(1)/2T")
+    ax.plot(piece.places, piece.values)
+    placing.name_walls(ax, [piece], {"R": "tab:blue"})
+    assert placing.name_orbits(ax, [piece]) == 0
+    figure.draw_without_rendering()
+    letter, name = (Text.get_window_extent(text) for text in ax.texts)
+    assert not letter.overlaps(name)
