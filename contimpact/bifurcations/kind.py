@@ -497,9 +497,13 @@ MARKERS = dict.fromkeys(CROSSINGS, "o") | {
     "CP": "v",
     "GPD": "s",
     "DG": "D",
-    "FB-G": "P",
+    "FB-G": "p",
     "FB-V": "X",
     "PD-V": "*",
+    "R1": "<",
+    "R2": ">",
+    "FB-BP": "d",
+    "PD-PD": "d",
 }
 """Markers of the points in pictures."""
 

@@ -156,6 +156,8 @@ def _path(area: Area, sizes: Array) -> OutlinePath:
 
 
 POINT: dict[str, Any] = {"color": "k", "linestyle": "none", "markersize": 4.5}
+LANE = 0.04
+"""Height of a row of bands, as a part of the axes'."""
 BAND: dict[str, Any] = {"alpha": 0.6, "edgecolor": "white", "linewidth": 0}
 
 
@@ -352,9 +354,16 @@ def _draw_regions(
     ax: Any, panel: Panel, keys: Sequence[Key], checks: Sequence[Check]
 ) -> list[Region]:
     found = regions(panel.curves, panel.along, checks)
-    for region, lane in zip(found, lanes(found), strict=True):
+    rows = lanes(found)
+    room = LANE * (max(rows, default=-1) + 1)
+    lowest, highest = (f(float(f(c[panel.along])) for c in panel.curves) for f in (min, max))
+    if found and room < 0.5:  # bands stand below the curves
+        below = lowest - room / (1.0 - room) * (highest - lowest)
+        ax.update_datalim([(panel.curves[0][panel.across][0], below)])
+        ax.autoscale_view()
+    for region, lane in zip(found, rows, strict=True):
         key = next(k for k in keys if k.label == region.first and k.notation == region.notation)
-        low, height = 0.04 * lane, 0.015 if region.said else 0.03
+        low, height = LANE * lane, (0.375 if region.said else 0.75) * LANE
         look = {"facecolor": colour_of(key, keys), "hatch": kind_of(key.kind).look.hatch, **BAND}
         ax.axvspan(region.low, region.high, ymin=low, ymax=low + height, **look)
     return found

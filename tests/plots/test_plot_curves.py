@@ -211,6 +211,15 @@ def test_orbits_are_told_apart():
     assert len({patch.get_y() for patch in ax.patches}) == 2
 
 
+def test_bands_stand_below_the_curves():
+    rows = [curve(("s", "r"), notation=f"{n}:1", s=0.1 * n + 0.1 * RAMP, r=RAMP) for n in (1, 2, 3)]
+    (ax,) = plot_curves(rows)
+    lowest = min(np.min(line.get_ydata()) for line in ax.lines)
+    tops = [patch.get_window_extent().y1 for patch in ax.patches]
+    assert len(set(tops)) == 3
+    assert max(tops) < ax.transData.transform((0.0, lowest))[1]
+
+
 def test_labels_are_set_as_in_table_1():
     grazing = curve(("s", "r"), "G", "G[1:1->2:1]", s=0.3 + 0.1 * RAMP, r=RAMP)
     (ax,) = plot_curves([grazing])
