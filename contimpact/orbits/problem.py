@@ -910,12 +910,12 @@ class OrbitProblem:
         return fastest
 
     def _largest_along(self, unknowns: Array) -> dict[tuple[float, ...], tuple[float, Array]]:
-        """The largest speed at instants of the flights that leave surfaces of one gap coordinate,
-        and the largest along all flights of each section coordinate but the first."""
+        """Of surfaces of one gap coordinate, its largest speed at instants of all flights, and the
+        largest along them of each section coordinate but the first."""
         places = np.array([0.0, *INSTANTS, 1.0])
         motion = motion_of(Linearisation(self, unknowns), places)
-        shape = len(self.word), len(places), self.model.DEGREES_OF_FREEDOM
-        speeds = np.abs(np.einsum("kij,kj->ki", motion.v.reshape(shape)[:, 1:-1], self.rows))
+        inside = np.tile((places > 0.0) & (places < 1.0), len(self.word))
+        speeds = np.max(np.abs(motion.v[inside] @ self.rows.T), axis=0)
         largest = np.max(np.abs([motion.x, motion.v]), axis=1).T
         return {
             row: (float(np.max(speeds[place])), np.delete(largest, pivot(row), axis=0).ravel())

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import importlib.util
 import math
 
 import mpmath as mp
 import numpy as np
 import pytest
-from zoo import unknowns_of
+from zoo import ROOT, unknowns_of
 
 from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits, mirror_orbit, repeats, rotate_to_word
+from contimpact.results.catalogue import load_diagram
 
 PAIR_WORDS = ["B", "T/2T", "BT", "BBT", "BTBT/2T", "BBTBTT/3T"]
 OSCILLATOR_WORDS = ["S", "S/2T", "SS/3T"]
@@ -408,3 +410,15 @@ def test_velocities_have_a_natural_size_where_a_flight_begins_and_ends_at_rest(
     assert np.max(np.abs(problem.evaluate(touching).residual)) < 1e-13
     speed = problem.scale(touching, 1.0)[1]
     assert 0.5 * omega * swing < speed <= omega * swing * (1.0 + 1e-12)
+
+
+@pytest.mark.skipif(importlib.util.find_spec("heyoka") is None, reason="needs contimpact[ode]")
+def test_velocities_are_measured_along_all_flights():
+    """The flight that leaves an impact at rest takes no time at the V of a stick-slip: the gap
+    coordinate's speed is that of the others."""
+    branches = load_diagram(ROOT / "branches" / "coco_stick_slip").branches
+    (event,) = [e for b in branches if b.word == "IR" for e in b.events if e.kind == "V"]
+    orbit = event.orbit()
+    size = orbit.linearisation.problem.scale(orbit.unknowns, 1.0)[1] / math.sqrt(2.0)
+    fastest = np.max(np.abs(orbit.motion(400).v[:, 0]))
+    assert 0.8 * fastest < size <= fastest * (1.0 + 1e-4)
