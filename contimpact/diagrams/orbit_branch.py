@@ -263,6 +263,9 @@ class _SymmetricEnd(Policy):
         return End.of(kind, name, value, word=shorter.word.notation(letters), times=laps)
 
 
+WITHOUT_MULTIPLIERS = ("V", "T")
+"""Events at which a multiplier is infinite, or jumps."""
+
 BEYOND = 0.1
 """Part of its way by which an orbit between two points of a branch may lie before or beyond
 them."""
@@ -513,10 +516,10 @@ class Run:
 
     def _begins_at(self, missed: MissedEvent) -> bool:
         """Whether a change right at the start is that of the event at which the walks begin: one
-        of them has located it, and only then the count of unstable multipliers changes."""
+        of them has located it, and the count of unstable multipliers changes beside it only."""
         start, problem = self.walks[0].points[0], self.problem
         return missed.arclength < ON_CIRCLE and any(
-            event.kind == missed.kind
+            event.kind in (missed.kind, *WITHOUT_MULTIPLIERS)
             and problem.apart(event.point.unknowns, start.unknowns) < SAME_SOLUTION
             for event in self.events
         )
