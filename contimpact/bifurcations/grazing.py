@@ -84,8 +84,9 @@ from .sliding import (
     violations,
 )
 
-AT_END = 1e-6
-"""A touch nearer to its flight's end, as part of the period, is that end."""
+AT_END = 1e-5
+"""A touch nearer to its flight's end, as part of the period, is that end: an impact that runs the
+wrong way is as deep as its velocity squared, which is rounding where that is a millionth."""
 
 FLAT = 1e-8
 """A parameter's rate below this part of the tangent is zero."""
@@ -180,8 +181,8 @@ class Grazing(OrbitTest):
 
     def accept(self, event: OrbitEvent) -> bool:
         """Where the flight that begins takes no time, it is that which vanishes: a T; and so it is
-        where sliding touches the limit at which it ends then. Where the impact before it is at
-        rest, that vanishes: a V."""
+        where sliding touches the limit at which it ends then. Where an impact beside the touch is
+        at rest, or the one beyond it after a flight that takes no time, that vanishes: a V."""
         details, here = event.details, event.point.evaluation
         problem, flight = here.problem, event.details["flight"]
         if "impact" in details:
@@ -190,12 +191,17 @@ class Grazing(OrbitTest):
             around = flight, (flight - 1) % len(problem.word)
             return not (at_rest or any(is_brief(problem, here.unknowns, k) for k in around))
         ends = problem.times_around(here.unknowns, flight)
-        apart, impact = min(
-            (abs(details["touch_time"] - end), flight + i) for i, end in enumerate(ends)
-        )
+        apart, way = min((abs(details["touch_time"] - end), i) for i, end in enumerate(ends))
         if apart > AT_END * here.span:
             return True
-        return sliding_kind_of_touch(problem, details) != ADDING and not _is_slow(here, impact)
+        slow = _is_slow(here, flight + way)
+        if problem.word.walls:
+            start, end = problem.times_around(
+                here.unknowns, (flight + 2 * way - 1) % len(problem.word)
+            )
+            brief = abs(end - start) < AT_END * here.span
+            slow |= brief and _is_slow(here, flight + 3 * way - 1)
+        return sliding_kind_of_touch(problem, details) != ADDING and not slow
 
     def details(self, point: OrbitPoint, index: int) -> Details:
         if index >= len(self.places):

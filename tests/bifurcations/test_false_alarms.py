@@ -1,12 +1,16 @@
 """What looks like an event that was missed, and is none."""
 
+import importlib.util
+
 import numpy as np
 import pytest
+from zoo import ROOT
 
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.models.word import Word
 from contimpact.orbits.quiet import problem_of
 from contimpact.orbits.search import find_orbits, orbit_at
+from contimpact.results.catalogue import load_diagram
 from contimpact.results.scene import read_scene
 from contimpact.segments.kernels import Kernels
 from contimpact.systems.impact_pair import ImpactPair
@@ -89,3 +93,16 @@ def test_the_event_at_which_a_walk_begins_is_found_and_explains_what_changes_the
             other.kind == event.kind and other.value == pytest.approx(value, rel=1e-12)
             for other in branch.events
         )
+
+
+@pytest.mark.skipif(importlib.util.find_spec("heyoka") is None, reason="needs contimpact[ode]")
+@pytest.mark.parametrize("row", [409, pytest.param(77, marks=pytest.mark.full)])
+def test_no_grazing_is_seen_where_a_slip_vanishes_whose_impact_is_at_rest(row):
+    """Beyond the V the flight after the slip begins beyond its guard, as deep as the square of the
+    velocity: the sign of that is rounding before the V."""
+    branch = load_diagram(ROOT / "branches" / "coco_stick_slip").branches[0]
+    steps = {"max_step": 0.97 if row == 77 else 0.1, "predictor": "secant"}
+    asked = {"events": ["G", "V"], "settings": steps, "unphysical": True}
+    found = continue_orbit(branch.orbit(row), "V", (0.5, 0.7), **asked)
+    assert [event.kind for event in found.events] == ["V"]
+    assert found.missed == []
