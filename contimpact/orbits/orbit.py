@@ -427,7 +427,10 @@ def fluctuations_of(here: Linearisation, noise: Mapping[str, float]) -> Fluctuat
     for k in range(count):
         whole = step[k] @ whole
         heard = step[k] @ heard @ step[k].T + kick[k] @ kick[k].T
-    covariances = [solve_discrete_lyapunov(whole, heard)]
+    units = problem.scale(unknowns, 1.0)[:m]
+    area = np.outer(units, units)
+    first = solve_discrete_lyapunov(whole * units / units[:, None], heard / area)
+    covariances = [area * first]
     for k in range(count - 1):
         covariances.append(step[k] @ covariances[k] @ step[k].T + kick[k] @ kick[k].T)
     margins = []
@@ -435,7 +438,7 @@ def fluctuations_of(here: Linearisation, noise: Mapping[str, float]) -> Fluctuat
         joint = block_diag(covariances[k], np.diag(deviations**2))
         for place, (wall, touch) in enumerate(zip(model.letters, gaps.touches, strict=True)):
             if touch is not None:
-                slope = _gap_slope(there, here, k, place)
+                slope = _gap_slope(there, deviations, here, k, place)
                 spread = (
                     float(np.sqrt(slope @ joint @ slope)) if all(np.isfinite(slope)) else np.inf
                 )
@@ -450,7 +453,11 @@ def fluctuations_of(here: Linearisation, noise: Mapping[str, float]) -> Fluctuat
 
 
 def _gap_slope(
-    moved: Sequence[tuple[OrbitProblem, Array]], here: Linearisation, flight: int, place: int
+    moved: Sequence[tuple[OrbitProblem, Array]],
+    deviations: Array,
+    here: Linearisation,
+    flight: int,
+    place: int,
 ) -> Array:
     """Derivatives of a gap by the unknowns where its flight begins, then by parameters.
 
@@ -460,8 +467,8 @@ def _gap_slope(
     n, m, unknowns = here.problem.n, here.problem.m, here.unknowns
     sizes = here.problem.scale(unknowns, 1.0)
 
-    def slope(problem: OrbitProblem, at: Array, number: int) -> float:
-        step = STEP * (sizes[number] if number < n else max(1.0, abs(at[n])))
+    def slope(problem: OrbitProblem, at: Array, number: int, size: float) -> float:
+        step = STEP * size
         gaps = []
         for value in (at[number] + step, at[number] - step):
             there = np.where(np.arange(n + 1) == number, value, at)
@@ -470,8 +477,13 @@ def _gap_slope(
         difference = (gaps[0] - gaps[1]) / (2.0 * step)
         return difference if np.isfinite(difference) else np.inf
 
-    by_state = [slope(here.problem, unknowns, m * flight + i) for i in range(m)]
-    by_parameter = [slope(own, at, n) for own, at in moved]
+    by_state = [
+        slope(here.problem, unknowns, i, sizes[i]) for i in range(m * flight, m * flight + m)
+    ]
+    by_parameter = [
+        slope(own, at, n, max(abs(at[n]), deviation) or 1.0)
+        for (own, at), deviation in zip(moved, deviations, strict=True)
+    ]
     return np.array([*by_state, *by_parameter])
 
 

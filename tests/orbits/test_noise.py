@@ -11,6 +11,7 @@ from zoo import TWO_MASSES
 from contimpact.errors import InputError
 from contimpact.orbits.search import find_orbits
 from contimpact.systems.impact_pair import ImpactPair
+from contimpact.systems.oscillator import Oscillator
 from contimpact.systems.two_masses import TwoMasses
 
 PI = math.pi
@@ -96,6 +97,26 @@ def test_beside_a_grazing_first_order_is_not_trusted():
     assert not near.trusted
     assert near.margins[0].sigmas == pytest.approx(1.0)
     assert "too near for first order" in repr(near)
+
+
+@pytest.mark.parametrize(("length", "time"), [(1e-6, 1.0), (1.0, 1e3), (1e3, 1e3)])
+def test_fluctuations_are_the_same_in_any_units(length, time):
+    """Gaps were differenced by steps larger than the parameters, and first order never trusted."""
+
+    def found(length, time):
+        a, sigma, rate = 0.5 * length / time**2, 0.1 * length, 1.0 / time
+        model = Oscillator(a=a, omega=rate, c=0.2 * rate, k=rate**2, sigma=sigma, r=0.8)
+        orbit = next(o for o in find_orbits(model, "1", parameter="omega") if o.stable)
+        noise = {"a": 0.01 * a, "sigma": 0.1 * sigma, "r": 0.01, "omega": 1e-3 * rate}
+        return orbit.fluctuations(noise)
+
+    one, other = found(1.0, 1.0), found(length, time)
+    assert one.trusted
+    assert other.trusted
+    assert [m.sigmas for m in other.margins] == pytest.approx(
+        [m.sigmas for m in one.margins], rel=1e-8
+    )
+    assert other.times == pytest.approx(time * one.times, rel=1e-9)
 
 
 def test_a_lasting_change_moves_several_coordinates_as_their_sensitivity_says():
