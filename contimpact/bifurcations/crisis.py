@@ -43,15 +43,15 @@ from ..models.word import Word
 from ..orbits.problem import Linearisation
 from ..segments.bounded import bounds_of
 from ..segments.kernels import Kernels
-from .extended_system import EPSILON, FIRST_ORDER
+from .extended_system import EPSILON, FIRST_ORDER, moves
 
 NEWTON_ITERATIONS = 20
 CONVERGED = 1e-11
-"""Largest residual of a solution."""
+"""Largest residual of a solution, in natural sizes."""
 DIFFERENCE = 1e-6
-"""Step of the differences along the kernel, of which the largest entry is 1."""
+"""Largest step of the differences along the kernel, in natural sizes."""
 FAR = 0.5
-"""Longest Newton step near a solution, in the natural sizes of the unknowns."""
+"""Longest Newton step near a solution, in the natural sizes of the impacts."""
 INVERSE_ITERATIONS = 3
 """Inverse iterations for vectors that border a matrix; they need not be exact."""
 MOST_LAPS = 12
@@ -131,9 +131,10 @@ class Connection:
         unit, factors = np.append(np.zeros(n), 1.0), lu_factor(matrix)
         kernel, kernel_of_rows = lu_solve(factors, unit), lu_solve(factors, unit, trans=1)[:n]
         step = np.append(kernel[:n], np.zeros(self.free))
-        step *= DIFFERENCE / np.max(np.abs(step))
+        size = DIFFERENCE / float(np.max(np.abs(step / self.scale(unknowns, np.inf))))
+        step *= size
         change = self._path(unknowns + step)[1][:n] - self._path(unknowns - step)[1][:n]
-        change *= np.max(np.abs(kernel[:n])) / (2.0 * DIFFERENCE)
+        change /= 2.0 * size
         return float(kernel[n]), -kernel_of_rows @ change
 
     def _path(self, unknowns: Array) -> tuple[Array, Array]:
@@ -174,6 +175,10 @@ class Connection:
         sizes = np.maximum(np.abs(unknowns[self.n :]), EPSILON)
         sizes[-1] = span if np.isfinite(span) else sizes[-1]
         return np.concatenate([np.tile([period, fastest], len(self.walls)), sizes])
+
+    def residual_sizes_at(self, here: Connected, scale: Array) -> Array:
+        """Return natural sizes of the residuals at a point, given those of the unknowns."""
+        return moves(here.jacobian, scale)
 
     def difference(self, one: Array, other: Array) -> Array:
         """Return one - other."""
@@ -223,18 +228,19 @@ def _singular_vectors(matrix: Array) -> tuple[Array, Array]:
 def solve(problem: Connection, guess: Array) -> Connected | None:
     """Solve the equations of a problem with one free parameter; None if Newton's method fails."""
     z, best = guess, None
-    scale = problem.scale(guess, np.inf)
+    scale, rows = problem.scale(guess, np.inf), None
     try:
         for _ in range(NEWTON_ITERATIONS):
             here = problem.evaluate(z)
-            size = float(np.max(np.abs(here.residual)))
+            rows = problem.residual_sizes_at(here, scale) if rows is None else rows
+            size = float(np.max(np.abs(here.residual) / rows))
             if not np.isfinite(size):
                 return None
             if best is not None and size >= 0.5 * best[0] and best[0] < CONVERGED:
                 break
             best = size, here
             step = np.linalg.solve(here.jacobian, -here.residual)
-            if not float(np.max(np.abs(step / scale))) < FAR:
+            if not float(np.max(np.abs(step / scale)[: problem.n])) < FAR:
                 return None
             z = z + step
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):

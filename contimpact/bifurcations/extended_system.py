@@ -219,13 +219,25 @@ class ExtendedSystem(ABC):
         return np.abs(own)
 
     def sizes(self, jacobian: Array, sizes: Array) -> Array:
-        """Return how far unknowns that move by their sizes move the equations, as powers of two."""
-        largest = np.max(np.abs(jacobian * sizes), axis=1)
-        return np.asarray(2.0 ** np.frexp(np.where(largest > 0.0, largest, 1.0))[1])
+        """Return natural sizes of the residuals, given those of all unknowns."""
+        return moves(jacobian, sizes)
+
+    def sizes_at(self, at: SystemEvaluation, here: Linearisation, own: Array) -> Array:
+        """Return natural sizes of the residuals at a point."""
+        n = self.problem.n
+        sizes = self.problem.scale(here.unknowns, np.full(self.problem.free, np.inf))[:n]
+        unknowns = np.hstack([sizes, here.unknowns[n:], self.own_sizes(own, sizes)])
+        return self.sizes(at.jacobian, unknowns)
 
     def details(self, own: Array) -> Details:
         """Return what the system's own unknowns tell of where on the orbit it is."""
         return {}
+
+
+def moves(jacobian: Array, sizes: Array) -> Array:
+    """Return how far unknowns that move by their sizes move equations, as powers of two."""
+    largest = np.max(np.abs(jacobian * sizes), axis=1)
+    return np.asarray(2.0 ** np.frexp(np.where(largest > 0.0, largest, 1.0))[1])
 
 
 @dataclass(frozen=True)
@@ -297,9 +309,7 @@ def solve(system: ExtendedSystem, here: Linearisation, far: float = FAR) -> Solu
     x, best = np.concatenate([here.unknowns, system.start(here)]), None
     try:
         at = system.assemble(here, x[orbit:])
-        own = system.own_sizes(x[orbit:], sizes[: problem.n])
-        moved = np.hstack([sizes[: problem.n], x[problem.n : orbit], own])
-        units = system.sizes(at.jacobian, moved)
+        units = system.sizes_at(at, here, x[orbit:])
         for _ in range(NEWTON_ITERATIONS):
             size = float(np.max(np.abs(at.residual) / units))
             if not np.isfinite(size) or (

@@ -582,9 +582,16 @@ def find_crisis_margin(
     problem, start = _connection(near.problem, model, *units).longer(known, 1, 1)
     from .margins import nearest_point
 
+    scale = problem.scale(start, np.inf)
     try:
         found = nearest_point(
-            problem, lambda here, own: here, problem.evaluate(start), np.zeros(0), center, values
+            problem,
+            lambda here, own: here,
+            problem.evaluate(start),
+            np.zeros(0),
+            center,
+            values,
+            lambda at, here, own: problem.residual_sizes_at(at, scale),
         )
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         found = None

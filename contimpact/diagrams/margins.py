@@ -24,7 +24,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..bifurcations.declarations import USUAL
-from ..bifurcations.extended_system import CONVERGED, ExtendedSystem, Solution, surroundings
+from ..bifurcations.extended_system import CONVERGED, ExtendedSystem, Solution, moves, surroundings
 from ..bifurcations.kind import Change, Kind, kind_of
 from ..continuation.branch import Details, Event, Point
 from ..display import limit_lines
@@ -518,7 +518,9 @@ def _minimise(
     """Return the solution of a system nearest to parameters; None if the search does not settle."""
     sizes = system.problem.scale(here.unknowns, np.inf)
     own, is_near = system.start(here), surroundings(here, sizes)
-    found = nearest_point(system.problem, system.assemble, here, own, center, units, near, is_near)
+    found = nearest_point(
+        system.problem, system.assemble, here, own, center, units, system.sizes_at, near, is_near
+    )
     return None if found is None else Solution(system, *found)
 
 
@@ -529,6 +531,7 @@ def nearest_point(
     own: Array,
     center: Array,
     units: Array,
+    sizes_at: Callable[[Any, Any, Array], Array],
     near: float = np.inf,
     is_near: Callable[[Array], bool] = lambda unknowns: True,
 ) -> tuple[Any, Array, Any] | None:
@@ -537,9 +540,9 @@ def nearest_point(
 
     The problem, an `OrbitProblem` or a `Connection`, has ``n`` unknowns and then ``free``
     parameters; `assemble` gives the residual and the Jacobian at a point, such as `here`, and the
-    own unknowns. `center` are the parameters and `units` what changes of them count as one. `near`
-    is how far off the equations may be at first, to first order, and `is_near` says whether
-    unknowns are still those that are sought.
+    own unknowns; `sizes_at` gives natural sizes of the residual there. `center` are the parameters
+    and `units` what changes of them count as one. `near` is how far off the equations may be at
+    first, to first order, and `is_near` says whether unknowns are still those that are sought.
     """
     n, free = problem.n, problem.free
     hessian = np.eye(free)
@@ -547,20 +550,21 @@ def nearest_point(
     before: tuple[Array, Array] | None = None
     mu, settled = 0.0, False
     at = assemble(here, own)
+    rows = sizes_at(at, here, own)
     for iteration in range(ITERATIONS):
-        inner = np.delete(at.jacobian, range(n, n + free), axis=1)
-        outer = at.jacobian[:, n : n + free] * units
-        psi = np.linalg.svd(inner)[0][:, -1]
+        residual, jacobian = at.residual / rows, at.jacobian / rows[:, None]
+        inner = np.delete(jacobian, range(n, n + free), axis=1)
+        columns = moves(inner.T, np.ones(len(rows)))
+        outer, largest = jacobian[:, n : n + free] * units, float(np.max(np.abs(residual)))
+        psi = np.linalg.svd(inner / columns)[0][:, -1]
         if before and psi @ outer @ before[1] < 0.0:
             psi = -psi
         slope = float(np.linalg.norm(psi @ outer))
         if not slope > 0.0:  # no parameter moves it, as at a pitchfork of symmetric orbits
             return None
-        normal, off = psi @ outer / slope, float(psi @ at.residual) / slope
+        normal, off = psi @ outer / slope, float(psi @ residual) / slope
         y = (here.unknowns[n:] - center) / units
-        if (not before and abs(off) > near) or (
-            iteration > APPROACH and np.max(np.abs(at.residual)) > APPROACHED
-        ):
+        if (not before and abs(off) > near) or (iteration > APPROACH and largest > APPROACHED):
             return None
         if before:
             step = y - before[0]
@@ -568,23 +572,24 @@ def nearest_point(
         astray = max(abs(off), float(np.linalg.norm(y - (normal @ y) * normal)))
         least = ROUNDED * float(np.max(np.abs(here.unknowns[n:] / units)))
         near_enough = max(STATIONARY * float(np.linalg.norm(y)), least)
-        if np.max(np.abs(at.residual)) < CONVERGED and astray <= near_enough:
+        if largest < CONVERGED and astray <= near_enough:
             if settled:
                 return here, own, at
             settled = True  # one step more: directions are only as good as they are stationary
         bordered = np.block([[hessian, normal[:, None]], [normal[None], np.zeros((1, 1))]])
         *moved, mu = np.linalg.solve(bordered, -np.append(y, off))
-        along = np.linalg.lstsq(inner, -at.residual - outer @ np.array(moved), rcond=None)[0]
-        largest = float(np.linalg.norm(along[:n] / sizes[:n]))
-        part = min(1.0, FARTHEST / largest) if largest > 0.0 else 1.0
-        before, allowed = (y, normal), max(LOOSE, float(np.max(np.abs(at.residual))))
+        right = -residual - outer @ np.array(moved)
+        along = np.linalg.lstsq(inner / columns, right, rcond=None)[0] / columns
+        length = float(np.linalg.norm(along[:n] / sizes[:n]))
+        part = min(1.0, FARTHEST / length) if length > 0.0 else 1.0
+        before, allowed = (y, normal), max(LOOSE, largest)
         for _ in range(HALVINGS):
             unknowns = here.unknowns + part * np.append(along[:n], units * np.array(moved))
             if not is_near(unknowns):
                 return None
             there = problem.evaluate(unknowns)
             at = assemble(there, own + part * along[n:])
-            if np.max(np.abs(at.residual)) <= allowed:
+            if np.max(np.abs(at.residual) / rows) <= allowed:
                 break
             part *= 0.5
         else:

@@ -329,3 +329,18 @@ def test_the_margin_of_an_orbit_right_beside_a_fold():
         nearest = ci.find_margins(near, {"s": 0.007}).nearest
         assert nearest.kind == "FB"
         assert 0.007 * nearest.distance == pytest.approx(fold - near.parameters["s"], abs=1e-13)
+
+
+@pytest.mark.parametrize(("length", "time"), [(1e3, 1.0), (1.0, 1e-6), (1e6, 1e-6)])
+def test_margins_are_the_same_in_any_units(length, time):
+    """Searches took residuals as they were, and lost the fold, or both events, without a word."""
+    sizes = {"a": length / time**2, "omega": 1.0 / time, "sigma": length, "r": 1.0}
+    given = {"a": 0.5, "omega": 1.7, "sigma": 0.1, "r": 0.8}
+    values = {name: value * sizes[name] for name, value in given.items()}
+    model = ci.Oscillator(c=0.2 / time, k=1.0 / time**2, **values)
+    orbit = next(o for o in ci.find_orbits(model, "1", parameter="omega") if o.stable)
+    steps = {"a": 0.05, "omega": 0.02, "r": 0.05, "sigma": 0.05}
+    found = ci.find_margins(orbit, {n: s * sizes[n] for n, s in steps.items()}, within=20.0)
+    assert [event.label for event in found.events] == ["G[1->2]", "FB"]
+    distances = [event.distance for event in found.events]
+    assert distances == pytest.approx([4.693830643, 4.740965717], abs=1e-8)
