@@ -130,11 +130,13 @@ def turn(system, arc, z):
 EVALUATE = {
     "singular": """
 def evaluate(system, z):
-    return evaluate_singular(any_flight, any_second, any_setup, system, z)
+    size = evaluate_singular(any_flight, any_second, any_setup, system, z)
+    return size_on_curve(system, z, size)
 """,
     "touching": """
 def evaluate(system, z):
-    return evaluate_touching(any_flight, any_setup, system, z)
+    size = evaluate_touching(any_flight, any_setup, system, z)
+    return size_on_curve(system, z, size)
 """,
 }
 
@@ -212,7 +214,7 @@ FUNCTIONS: dict[str, tuple[Callable[..., float], Callable[..., None]]] = {
     "reached": (evaluate_reached, bound_reached),
 }
 
-ARGUMENTS = "ii" + "ffff" + "FFF" + "fffffffff" + "fFifff" + "FFFFF" + "fff"
+ARGUMENTS = "ii" + "ffffff" + "FFF" + "fffffff" + "fFifff" + "FFFFF" + "fff"
 """Kinds of the entry's arguments: those of `SystemVectors`, `Search` and `ArcVectors`."""
 
 
@@ -233,7 +235,9 @@ def vectors_of(
         counts=vector([problem.word.period, first, second, form.flight, form.touch, variant]),
         numbers=vector([form.mu, 0.0]),
         values=vector(values if second < len(values) else [*values, 0.0]),
+        sizes=vector([0.0] * problem.n),
         residual=vector([0.0] * (size - 1)),
+        units=vector([0.0] * (size - 1)),
         right=vector([0.0] * size),
         blocks=table(len(kinds), BLOCK),
         jacobian=table(size - 1, size),
@@ -363,8 +367,7 @@ class Solver:
         problem, size = self.problem, self.problem.n + 2 + self.own
         form = ScalarForm(self.variant)
         second = len(problem.model.values)
-        zeros = [vector([0.0] * size) for _ in range(8)]
-        search = Search(vector([0.0] * problem.n), *zeros)
+        search = Search(*[vector([0.0] * size) for _ in Search._fields])
         search.row[size - 1] = 1.0
         values, kernels = list(problem.model.values.values()), problem.kernels
         harmonics, count = kernels.harmonics(*values), len(problem.word)
@@ -403,7 +406,7 @@ class Solver:
         system, search, arc = self.arrays if fast else self.lists
         guess = [*here.unknowns.tolist(), *start.tolist(), 0.0]
         search.z[:], search.begin[:] = guess, guess
-        search.sizes[:] = problem.least_scale(here.unknowns).tolist()
+        system.sizes[:] = problem.least_scale(here.unknowns).tolist()
         arc.options[:2] = 0.0, far
         status = self.run(form, fast)
         return None if status == FAILED else self.solved(status == SOLVED, system, search)

@@ -78,9 +78,13 @@ class SystemVectors(NamedTuple):
     """See `MU`."""
     values: Vector
     """Parameter values."""
+    sizes: Vector
+    """Those of the orbit's unknowns at least."""
     residual: Vector
+    units: Vector
     right: Vector
-    """`residual`, `right`: the residuals at the point last evaluated, and scratch space."""
+    """`residual`, `units`, `right`: the residuals at the point last evaluated, their sizes, and
+    scratch space."""
     blocks: Table
     """Its flights, a row of `BLOCK` numbers each."""
     jacobian: Table
@@ -414,9 +418,6 @@ there, which ill-conditioned events need, is the last, and is within what the er
 class Search(NamedTuple):
     """Scratch space and results of `solve_system`."""
 
-    sizes: Vector
-    """Those of the orbit's unknowns at least; how far from the guess the solution may be is
-    measured in them."""
     z: Vector
     """The guess, then the last iterate."""
     begin: Vector
@@ -426,15 +427,13 @@ class Search(NamedTuple):
     """The border: the parameter on which nothing depends."""
     step: Vector
     off: Vector
-    units: Vector
     told: Vector
-    """`step`, `off`, `units`, `told`: Newton's step, bounds of the residuals' errors, sizes of the
-    residuals, and see `SIZE`."""
+    """`step`, `off`, `told`: Newton's step, bounds of the residuals' errors, and see `SIZE`."""
 
 
-def size_equations(system: SystemVectors, search: Search) -> None:
+def size_equations(system: SystemVectors, z: Vector) -> None:
     """Fill in how far unknowns that move by their sizes move the equations."""
-    z, sizes = search.z, search.sizes
+    sizes, units = system.sizes, system.units
     orbit, far = len(sizes), 0.0
     if system.counts[VARIANT] == 0:  # a direction of the orbit's unknowns, as long as it is
         for j in range(orbit):
@@ -448,22 +447,36 @@ def size_equations(system: SystemVectors, search: Search) -> None:
             if j == orbit + 1 and system.counts[VARIANT] == 1:  # the time of a touch
                 size = sizes[0]
             largest = max(largest, abs(row[j]) * size)
-        search.units[i] = largest if largest > 0.0 else 1.0
+        units[i] = largest if largest > 0.0 else 1.0
     if system.counts[VARIANT] == 1:  # where the flight to a touch vanishes, so do its blocks
         n = 2 * len(system.kinds)
         for half in range(2):
             least = math.inf
             for k in range(len(system.kinds)):
-                least = min(least, search.units[2 * k + half])
-            search.units[n + half] = max(search.units[n + half], least)
+                least = min(least, units[2 * k + half])
+            units[n + half] = max(units[n + half], least)
 
 
-def relative_size(system: SystemVectors, search: Search) -> float:
+def relative_size(system: SystemVectors) -> float:
     """Return the largest residual beside its size."""
     size = 0.0
     for i in range(len(system.residual)):
-        size = max(size, abs(system.residual[i]) / search.units[i])
+        size = max(size, abs(system.residual[i]) / system.units[i])
     return size
+
+
+ON_CURVE = 0.125
+"""Part of a residual's size that it is measured by on a curve: where unknowns are about one, no
+residual is measured by more than that."""
+
+
+def size_on_curve(system: SystemVectors, z: Vector, size: float) -> float:
+    """Return the largest residual beside this part of its size; NaN where the largest is not a
+    number."""
+    if size - size != 0.0:
+        return size
+    size_equations(system, z)
+    return relative_size(system) / ON_CURVE
 
 
 SOLVED, FAILED, AWAY = range(3)
@@ -487,8 +500,8 @@ def solve_system(
         if not size < math.inf:
             break
         if not found:
-            size_equations(system, search)
-        size = relative_size(system, search)
+            size_equations(system, z)
+        size = relative_size(system)
         if found and size >= 0.5 * least and least < CONVERGED:
             break
         if not found:
@@ -499,7 +512,7 @@ def solve_system(
         for i in range(n):
             best[i] = z[i]
             if i < orbit:
-                largest_unknown = max(largest_unknown, abs(z[i]) / search.sizes[i])
+                largest_unknown = max(largest_unknown, abs(z[i]) / system.sizes[i])
         if not newton_step(system, search.row, 0.0, step):
             return FAILED
         if size <= SETTLED * EPSILON * largest_unknown:
@@ -510,7 +523,7 @@ def solve_system(
         for i in range(n):
             z[i] += step[i]
             if i < orbit:
-                part = (z[i] - search.begin[i]) / search.sizes[i]
+                part = (z[i] - search.begin[i]) / system.sizes[i]
                 away += part * part
         if not away < far * far:
             return AWAY
@@ -605,7 +618,7 @@ def locate_on_arc(
     `guess` fills in a guess of the system's own unknowns behind an orbit's, and says whether there
     is one; `check` says whether a solution z is an event.
     """
-    z, sizes, options, ends = search.z, search.sizes, arc.options, arc.ends
+    z, sizes, options, ends = search.z, system.sizes, arc.options, arc.ends
     orbit = len(arc.tangent)
     for i in range(orbit):
         z[i] = cubic(

@@ -145,16 +145,21 @@ def orient_vector(vector: Array) -> Array:
     return -vector if leading < 0.0 else vector
 
 
-def residual_sizes(problem: Problem, scale: Array) -> Array:
-    """Return natural sizes of the residuals, given those of the unknowns: as the problem does, or
-    ones."""
+def residual_sizes(problem: Problem, scale: Array, here: Evaluation) -> Array:
+    """Return natural sizes of the residuals at a point, given those of the unknowns: as the problem
+    does, or ones."""
     own: Callable[[Array], Array] | None = getattr(problem, "residual_sizes", None)
-    return np.ones(len(scale) - 1) if own is None else own(scale)
+    if own is not None:
+        return own(scale)
+    at: Callable[..., Array] | None = getattr(problem, "residual_sizes_at", None)
+    return np.ones(len(scale) - 1) if at is None else at(here, scale)
 
 
 def first_tangent(problem: Problem, jacobian: Array, scale: Array) -> Array | None:
     """Return the Jacobian's unit null vector as `orient_vector` has it, None if there are two."""
-    units = residual_sizes(problem, scale)
+    own: Callable[[Array], Array] | None = getattr(problem, "residual_sizes", None)
+    largest = np.max(np.abs(jacobian * scale), axis=1)
+    units = np.where(largest > 0.0, largest, 1.0) if own is None else own(scale)
     _, sizes, vectors = np.linalg.svd(jacobian * scale / units[:, None])
     if sizes[-1] <= 1e-10 * sizes[0]:
         return None
@@ -209,16 +214,17 @@ class DenseSystem:
     """Any problem in the form in which `newton` and `take_steps` ask for it."""
 
     def __init__(self, problem: Problem, scale: Array) -> None:
-        self.problem, self.units = problem, residual_sizes(problem, scale)
+        self.problem, self.scale = problem, scale
         self.here: Evaluation | None = None
 
     def evaluate(self, z: list[float]) -> float:
         """Evaluate; returns the largest residual in natural units, NaN where F has no value."""
         try:
             self.here = self.problem.evaluate(np.array(z))
+            units = residual_sizes(self.problem, self.scale, self.here)
         except (ArithmeticError, ValueError):
             return math.nan
-        return float(np.max(np.abs(self.here.residual) / self.units))
+        return float(np.max(np.abs(self.here.residual) / units))
 
     def solve(self, row: list[float], g: float, out: list[float]) -> bool:
         """Fill `out` with the solution of the bordered system; whether there is one."""

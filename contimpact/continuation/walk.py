@@ -528,7 +528,7 @@ class _Walker:
         wanted = self.numerics(here)
         if wanted is self.settings or len(self.points) < 2:
             return here
-        units = residual_sizes(self.problem, self.scale)
+        units = residual_sizes(self.problem, self.scale, here.evaluation)
         if np.max(np.abs(here.evaluation.residual) / units) <= wanted.tolerance:
             return here
         found = correct(

@@ -335,7 +335,8 @@ def _area(ring: Array) -> float:
 # Stable orbits along a vertical line of a map of two parameters, and what ends each of them.
 
 SAME_ORBIT = 1e-7
-"""Difference of velocities and heights below which two branches end in the same orbit."""
+"""Difference of heights, and of velocities as parts of the largest, below which two branches end in
+the same orbit."""
 
 
 @dataclass(frozen=True)
@@ -398,7 +399,12 @@ def _same_stretch(one: Stretch, other: Stretch) -> bool:
     if max(abs(one.low - other.low), abs(one.high - other.high)) > SAME_ORBIT:
         return False
     pairs = zip(one.events, other.events, strict=True)
-    return any(a and b and np.allclose(_impacts(a), _impacts(b), atol=SAME_ORBIT) for a, b in pairs)
+    return any(a and b and _same_speeds(_impacts(a), _impacts(b)) for a, b in pairs)
+
+
+def _same_speeds(one: list[float], other: list[float]) -> bool:
+    largest = max(map(abs, one), default=0.0)
+    return np.allclose(one, other, atol=SAME_ORBIT * largest)
 
 
 def _impacts(entry: Entry) -> list[float]:

@@ -31,10 +31,12 @@ from ..bifurcations.kind import CurvePoint as AnyCurvePoint
 from ..bifurcations.kind import CurveStart, CurveTest, Kind, Values, kind_of
 from ..bifurcations.scalar_systems import (
     BLOCK,
+    ON_CURVE,
     SystemVectors,
     evaluate_singular,
     evaluate_touching,
     newton_step,
+    size_on_curve,
     solve_bordered,
 )
 from ..continuation.branch import Block, Details, EndKind, Point, TestFunction
@@ -103,6 +105,13 @@ class CurveProblem:
         orbit, own = self.unpacked(unknowns)
         sizes = self.orbit.scale(orbit, [*self.spans, span])
         return self.packed(sizes, self.system.scale(own, sizes))
+
+    def residual_sizes_at(self, here: CurvePoint, scale: Array) -> Array:
+        """Return natural sizes of the residuals at a point, given those of the unknowns."""
+        n, own = self.orbit.n, here.own
+        moved = np.append(scale[:n], here.orbit.unknowns[n:])
+        unknowns = self.packed(moved, self.system.own_sizes(own, scale[:n]))
+        return ON_CURVE * self.system.sizes(here.jacobian, unknowns)
 
     def difference(self, one: Array, other: Array) -> Array:
         """Return one - other, orbits compared as orbits."""
@@ -556,7 +565,8 @@ def program_of(kernels: Kernels, variant: str) -> Program:
     """
     program = Program({})
     add_kernels(program, kernels, variant, "any")
-    called = newton_step, tangent_of_curve, FUNCTIONS[variant][0], observe_curve
+    evaluate, _ = FUNCTIONS[variant]
+    called = newton_step, tangent_of_curve, evaluate, size_on_curve, observe_curve
     text, observe = EVALUATE[variant], observe_curve.__name__
     return glue_steps(program, kernels, SystemVectors, text, *called, observe=observe)
 
@@ -564,7 +574,7 @@ def program_of(kernels: Kernels, variant: str) -> Program:
 AT_ONCE = 8
 """Steps made at a time by compiled code; those beyond the end of a curve are made in vain."""
 
-ARGUMENTS = "ii" + "ffff" + "FFF" + "ffffff" + "FF"
+ARGUMENTS = "ii" + "ffffff" + "FFF" + "ffffff" + "FF"
 """Kinds of the entry's arguments: those of `SystemVectors`, then those of `StepVectors`."""
 
 
@@ -588,6 +598,7 @@ class CurveBackend(Backend):
         n, fast = len(position.scale), self.compiled
         made_by, most = (ARRAYS, min(most, AT_ONCE)) if fast else (LISTS, 1)
         curve = self.vectors(n, made_by)
+        curve.sizes[:] = position.scale[: self.problem.orbit.n].tolist()
         vectors = position.vectors(BLOCK * self.count + n - 1, most, made_by)
         if fast:
             made = fast(*curve, *vectors)
@@ -631,8 +642,10 @@ class CurveBackend(Backend):
         def evaluate(curve: SystemVectors, z: Vector) -> float:
             try:
                 if singular:
-                    return evaluate_singular(flight, kernels.seconds, setup, curve, z)
-                return evaluate_touching(flight, setup, curve, z)
+                    size = evaluate_singular(flight, kernels.seconds, setup, curve, z)
+                else:
+                    size = evaluate_touching(flight, setup, curve, z)
+                return size_on_curve(curve, z, size)
             except (ArithmeticError, ValueError):
                 return math.nan
 

@@ -72,7 +72,7 @@ ELSEWHERE = 1e-4
 
 SAME_VALUE = 1e-12
 SAME_POINT = 1e-8
-"""How far apart values and, as part of their ranges, coordinates of one point may be."""
+"""How far apart values, and coordinates as part of their ranges, of one point may be."""
 
 
 @explain_arguments
@@ -188,7 +188,8 @@ def passes_through(entry: Entry, point: Codim2, curve: Curve) -> bool:
         return False
     if {*point.kind.split("-")} != {*curve.kind.split("-")}:
         return False
-    away = np.abs(curve[third] - point.parameters[third]) > SAME_VALUE
+    value = point.parameters[third]
+    away = np.abs(curve[third] - value) > SAME_VALUE * max(abs(value), np.ptp(curve[third]))
     for name in others:
         away |= np.abs(curve[name] - point.parameters[name]) > SAME_POINT * np.ptp(curve[name])
     return not bool(np.all(away))

@@ -199,71 +199,96 @@ def passes_entry(curve: Curve, entry: Entry, model: Model, kernels: Kernels) -> 
     if not is_rotation(curve.word, entry.word):
         return False
     here = orbit_of(entry, model, kernels)
-    problem = here.problem
+    problem, compared = here.problem, _Compared(curve)
     first, second = curve.parameters
     if any(
-        _same_bifurcation(problem, entry, guess, here.unknowns, size)
+        compared.same_bifurcation(problem, entry, guess, here.unknowns, size)
         for name in (second, first)
-        for guess, size in _crossings(curve, name, entry.parameters[name], problem)
+        for guess, size in compared.crossings(name, entry.parameters[name], problem)
     ):
         return True
     near = [
         (np.append(guess[:-1], entry.parameters[second]), size)
-        for guess, size in _crossings(curve, first, entry.parameters[first], problem)
-        if _orbit_distance(problem, guess, here.unknowns) < NEAR_CURVE
+        for guess, size in compared.crossings(first, entry.parameters[first], problem)
+        if compared.distance(problem, guess, here.unknowns) < NEAR_CURVE
     ]
-    return bool(near) and _passes_across(entry, model, second, near)
+    return bool(near) and _passes_across(compared, entry, model, near)
 
 
 def _passes_across(
-    entry: Entry, model: Model, second: str, near: Sequence[tuple[Array, float]]
+    compared: _Compared, entry: Entry, model: Model, near: Sequence[tuple[Array, float]]
 ) -> bool:
     """The same with the second parameter free: where the curve keeps its value, the first one is
     not told by the equations."""
+    second = compared.curve.parameters[1]
     turned = dataclasses.replace(entry, parameter=second)
     here = orbit_of(turned, model, Kernels(model, second))
     return any(
-        _same_bifurcation(here.problem, turned, guess, here.unknowns, size) for guess, size in near
+        compared.same_bifurcation(here.problem, turned, guess, here.unknowns, size)
+        for guess, size in near
     )
 
 
-def _crossings(
-    curve: Curve, name: str, value: float, problem: OrbitProblem, physical: bool = False
-) -> list[tuple[Array, float]]:
-    """Orbits where a curve passes a parameter's value, nearly, the problem's free parameter last,
-    and the distance of its points around it; if asked for, where one of these is physical."""
-    word = Word(curve.word, curve.period)
-    own = problem_of(problem.model, word, problem.kernels)
-    away = curve[name] - value
-    names = columns_of(curve.word, problem.m)
-    rows = np.column_stack([curve[name] for name in [*names, problem.parameter]])
-    wanted = (curve["physical"] > 0) | (not physical)
-    found = []
-    crossed = (away[:-1] * away[1:] <= 0.0) & (away[:-1] != away[1:])
-    for i in np.nonzero(crossed & (wanted[:-1] | wanted[1:]))[0]:
-        part = away[i] / (away[i] - away[i + 1])
-        guess = rotate_to_word(own, rows[i] + part * (rows[i + 1] - rows[i]), problem.word)
-        assert guess is not None, "the words are rotations of each other"
-        found.append((guess, float(np.max(np.abs(rows[i + 1] - rows[i])))))
-    return found
+@dataclass(frozen=True)
+class _Compared:
+    """A curve to compare with orbits: in their natural units, and parameters in the largest value
+    on the curve."""
 
+    curve: Curve
 
-def _same_bifurcation(
-    problem: OrbitProblem, entry: Entry, guess: Array, unknowns: Array, size: float
-) -> bool:
-    """Whether the bifurcation next to a guess is that of an entry."""
-    away = problem.difference(guess, unknowns)
-    off = _orbit_distance(problem, guess, unknowns)
-    if off > size + NEAR_CURVE:
-        return False
-    solution = solve(system_of(problem, entry), problem.evaluate(unknowns + away))
-    if solution is None:
-        return off < NEAR_CURVE
-    return bool(np.max(np.abs(problem.difference(solution.unknowns, unknowns))) < SAME_CURVE)
+    def units(self, problem: OrbitProblem, unknowns: Array) -> Array:
+        units = problem.natural_units(unknowns).copy()
+        largest = [float(np.max(np.abs(self.curve[n]))) for n in problem.kernels.parameters]
+        units[problem.n :] = [value or 1.0 for value in largest]
+        return units
 
+    def distance(self, problem: OrbitProblem, one: Array, other: Array) -> float:
+        difference = problem.difference(one, other) / self.units(problem, other)
+        return float(np.max(np.abs(difference)))
 
-def _orbit_distance(problem: OrbitProblem, one: Array, other: Array) -> float:
-    return float(np.max(np.abs(problem.difference(one, other))))
+    def crossings(
+        self, name: str, value: float, problem: OrbitProblem, physical: bool = False
+    ) -> list[tuple[Array, float]]:
+        """Orbits where the curve passes a parameter's value, nearly, the problem's free parameter
+        last, and the distance of its points around it; if asked for, where one of these is
+        physical."""
+        curve = self.curve
+        own = problem_of(problem.model, Word(curve.word, curve.period), problem.kernels)
+        away = curve[name] - value
+        names = columns_of(curve.word, problem.m)
+        rows = np.column_stack([curve[name] for name in [*names, problem.parameter]])
+        wanted = (curve["physical"] > 0) | (not physical)
+        found = []
+        crossed = (away[:-1] * away[1:] <= 0.0) & (away[:-1] != away[1:])
+        for i in np.nonzero(crossed & (wanted[:-1] | wanted[1:]))[0]:
+            way = rows[i + 1] - rows[i]
+            at = rows[i] + away[i] / (away[i] - away[i + 1]) * way
+            guess = rotate_to_word(own, at, problem.word)
+            assert guess is not None, "the words are rotations of each other"
+            found.append((guess, float(np.max(np.abs(way / self.units(own, at))))))
+        return found
+
+    def same_bifurcation(
+        self, problem: OrbitProblem, entry: Entry, guess: Array, unknowns: Array, size: float
+    ) -> bool:
+        """Whether the bifurcation next to a guess is that of an entry."""
+        away = problem.difference(guess, unknowns)
+        off = self.distance(problem, guess, unknowns)
+        if off > size + NEAR_CURVE:
+            return False
+        solution = solve(system_of(problem, entry), problem.evaluate(unknowns + away))
+        if solution is None:
+            return off < NEAR_CURVE
+        return self.distance(problem, solution.unknowns, unknowns) < SAME_CURVE
+
+    def is_on_way(self, problem: OrbitProblem, unknowns: Array, left: Array, right: Array) -> bool:
+        """Whether an orbit is as near the straight way between two as the curve through them is."""
+        units = self.units(problem, left)
+        way = problem.difference(right, left) / units
+        away = problem.difference(unknowns, left) / units
+        part = np.clip(way @ away / (way @ way or 1.0), 0.0, 1.0)
+        size = float(np.max(np.abs(way)))
+        return bool(np.max(np.abs(away - part * way)) < SAME_END + BENT * size)
 
 
 def same_curve(one: Curve, other: Curve, problem: OrbitProblem) -> bool:
@@ -275,22 +300,15 @@ def same_curve(one: Curve, other: Curve, problem: OrbitProblem) -> bool:
     if about[0] != about[1] or not is_rotation(one.word, other.word):
         return False
     rows, others = _orbits(one, problem), _orbits(other, problem)
+    compared = _Compared(other)
     ends, (first, last) = rows[[0, -1]], others[[0, -1]]
     if not any(
-        all(_orbit_distance(problem, *pair) < SAME_END for pair in zip(ends, turned, strict=True))
+        all(compared.distance(problem, *pair) < SAME_END for pair in zip(ends, turned, strict=True))
         for turned in ((first, last), (last, first))
     ):
         return False
     middle = rows[len(rows) // 2]
-    return any(_is_on_way(problem, middle, *pair) for pair in itertools.pairwise(others))
-
-
-def _is_on_way(problem: OrbitProblem, unknowns: Array, left: Array, right: Array) -> bool:
-    """Whether an orbit is as near the straight way between two as a curve through them is."""
-    way, away = problem.difference(right, left), problem.difference(unknowns, left)
-    part = np.clip(way @ away / (way @ way or 1.0), 0.0, 1.0)
-    size = float(np.max(np.abs(way)))
-    return bool(np.max(np.abs(away - part * way)) < SAME_END + BENT * size)
+    return any(compared.is_on_way(problem, middle, *pair) for pair in itertools.pairwise(others))
 
 
 def _orbits(curve: Curve, problem: OrbitProblem) -> Array:
@@ -803,7 +821,7 @@ class Lines:
     def on_curve(self, curve: Curve, line: Line, problem: OrbitProblem) -> Iterator[Array]:
         """Orbits beside those on a line where the physical part of a curve crosses it."""
         limits = self.ways[line.held][1]
-        for guess, _ in _crossings(curve, line.held, line.value, problem, physical=True):
+        for guess, _ in _Compared(curve).crossings(line.held, line.value, problem, physical=True):
             here = _nearby_orbit(problem, guess, limits)
             if here is None:
                 at = f"{line.held} = {line.value:.6g}, {problem.parameter} = {guess[-1]:.6g}"

@@ -196,3 +196,41 @@ def test_grazings_are_found_whatever_factor_a_guard_has(given):
         assert [e.physical for e in other.events] == [e.physical for e in one.events]
         values = [e.value for e in one.events]
         assert [e.value for e in other.events] == pytest.approx(values, rel=1e-13)
+
+
+@functools.cache
+def mapped(length, time):
+    """A covered map of an oscillator with a stop, and the model it is of."""
+    sizes = {"a": length / time**2, "omega": 1.0 / time, "c": 1.0 / time, "k": 1.0 / time**2}
+    sizes |= {"sigma": length, "r": 1.0}
+    given = {"a": 0.5, "omega": 1.7, "c": 0.2, "k": 1.0, "sigma": 0.1, "r": 0.8}
+    values = {name: value * sizes[name] for name, value in given.items()}
+    omegas = [1.2 / time, 2.8 / time]
+    kinds = ["FB", "PD", "G"]
+    follow = {"parameter": "omega", "range": omegas, "orbits": ["1"], "switch": ["PD", "G"]}
+    curves = {"parameter": "sigma", "range": [0.05 * length, 0.15 * length]}
+    table = {
+        "name": "mapped",
+        "model": {"system": "oscillator", "parameters": values},
+        "follow": follow,
+        "detect": {"events": kinds},
+        "curves": curves | {"kinds": kinds, "cover": 2},
+    }
+    scene = read_scene(table)
+    return ci.follow(scene), scene.model
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(("length", "time"), [(1e-6, 1.0), (1e6, 1e-6)])
+def test_maps_are_the_same_in_any_units(length, time):
+    """In large units no curve passed an entry, and each was followed dozens of times; in small ones
+    the points of curves were off by 1e-7 of their values."""
+    expected, (found, model) = mapped(1.0, 1.0)[0], mapped(length, time)
+    about = [[(c.kind, c.notation) for c in d.curves] for d in (expected, found)]
+    assert sorted(about[0]) == sorted(about[1])
+    assert all(told.complete and not told.uncovered for told in found.coverage)
+    curve = next(curve for curve in found.curves if (curve.kind, curve.notation) == ("PD", "1"))
+    for row in np.linspace(0, len(curve) - 1, 5).astype(int).tolist():
+        there = model.replace(**{n: float(curve[n][row]) for n in ("omega", "sigma")})
+        orbits = ci.find_orbits(there, "1", parameter="omega", starts=32)
+        assert min(min(abs(orbit.multipliers + 1.0)) for orbit in orbits) < 1e-11
