@@ -149,12 +149,16 @@ class OrbitTest(TestFunction[Linearisation]):
     def of(self, orbits: Orbits) -> Array:
         """Return the values, shape (P, q)."""
 
+    def measured(self, orbits: Orbits) -> Array:
+        """Return the values in units in which those that are rounding are told."""
+        return self.of(orbits)
+
     def values(self, point: OrbitPoint) -> Array:
-        return self._existing(self.of(OneOrbit(point.evaluation, point)))[0]
+        return self._existing(self.measured(OneOrbit(point.evaluation, point)))[0]
 
     def batch(self, block: Block) -> Array:
         assert isinstance(block.measured, ManyOrbits)
-        return self._existing(self.of(block.measured))
+        return self._existing(self.measured(block.measured))
 
     def _existing(self, values: Array) -> Array:
         if not self.vanishing:

@@ -52,7 +52,7 @@ from .kind import SUB, SUPER, Start, null_vector_start
 # The equations of an orbit that touches a guard where a flight begins.
 
 TOUCHING = 1e-9
-"""A gap below this at an event is a touch at the same parameter value."""
+"""A gap below this at an event, in natural sizes, is a touch at the same parameter value."""
 
 
 class Beginning(Arrival):
@@ -131,21 +131,26 @@ def arrival_unknowns(
 
 def near_touches(here: Linearisation) -> list[Touch]:
     """Return the touches at which an orbit is not told from one that grazes."""
-    touches = (t for flight in here.gaps for t in flight.touches)
-    return [t for t in touches if t is not None and abs(t.gap) < TOUCHING]
+    touches, least = (t for flight in here.gaps for t in flight.touches), _touching(here)
+    return [t for t in touches if t is not None and abs(t.gap) < least]
+
+
+def _touching(here: Linearisation) -> float:
+    return TOUCHING * here.problem.size_of_gaps(here.unknowns)
 
 
 def tolerated_touches(here: Linearisation) -> set[tuple[int, str]]:
     """Return the touches that are not held against the orbit of an event: rounding decides on
     which side of the guard they are."""
-    begun = (t for flight in here.gaps for t in flight.beyond if abs(t.gap) < TOUCHING)
+    least = _touching(here)
+    begun = (t for flight in here.gaps for t in flight.beyond if abs(t.gap) < least)
     return {(t.flight, t.wall) for t in (*near_touches(here), *begun)} - violations(here)
 
 
 def violations(here: Linearisation) -> set[tuple[int, str]]:
     """Return the guards beyond which flights begin or end, whatever they touch inside."""
-    begun = (t for flight in here.gaps for t in flight.beyond)
-    return {(t.flight, t.wall) for t in begun if t.gap <= -TOUCHING}
+    begun, least = (t for flight in here.gaps for t in flight.beyond), _touching(here)
+    return {(t.flight, t.wall) for t in begun if t.gap <= -least}
 
 
 GRAZING, ADDING = "grazing-sliding", "adding-sliding"
@@ -461,7 +466,7 @@ def onset_of(problem: OrbitProblem, details: Details) -> SlidingOnset | None:
 # The orbit without what vanishes on it: an impact of zero velocity, or a flight of no duration.
 
 TOUCHING_WHILE_VANISHING = 1e-6
-"""A gap below this is a touch, where the orbit without impacts is that of a V."""
+"""A gap below this, in natural sizes, is a touch: the orbit without impacts is that of a V."""
 
 
 def vanishing_impacts(problem: OrbitProblem, impact: int) -> tuple[int, ...]:
@@ -512,11 +517,11 @@ def _quiet_orbit(here: Linearisation, impact: int) -> tuple[OrbitProblem, Array]
     assert isinstance(quiet, QuietProblem)
     guess = quiet.from_touch(problem, here.unknowns, impact)
     found = solve_near(quiet, np.append(guess, here.unknowns[-problem.free :]))
-    touches = () if found is None else found.gaps[0].touches
-    if any(
-        t is not None and t.wall == wall and abs(t.gap) < TOUCHING_WHILE_VANISHING for t in touches
-    ):
-        return quiet.first_lap(found.unknowns)  # type: ignore[union-attr]
+    if found is None:
+        return None
+    least = TOUCHING_WHILE_VANISHING * quiet.size_of_gaps(found.unknowns)
+    if any(t is not None and t.wall == wall and abs(t.gap) < least for t in found.gaps[0].touches):
+        return quiet.first_lap(found.unknowns)
     return None
 
 

@@ -51,8 +51,8 @@ from .sliding import (
 class ZeroDuration(ScalarTest):
     """The duration of each flight, but of excursions, which are those of a V.
 
-    Durations within rounding of zero have no value: where r vanishes, those of a series of impacts
-    do so together, without changing sign.
+    They are measured by the period. Those within rounding of zero have no value: where r vanishes,
+    those of a series of impacts do so together, without changing sign.
     """
 
     kind = "T"
@@ -66,6 +66,9 @@ class ZeroDuration(ScalarTest):
         lengths = self.lengths(orbits)
         lengths[:, self.excursions] = np.nan
         return lengths
+
+    def measured(self, orbits: Orbits) -> Array:
+        return self.of(orbits) / np.abs(orbits.spans[:, None])
 
     def lengths(self, orbits: Orbits) -> Array:
         """Return the durations of all flights."""

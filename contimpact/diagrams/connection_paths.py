@@ -47,8 +47,8 @@ SHORTEST, JOINED = 4, 0.25
 """Impacts at most of the orbits after which a path's last impacts are tried, and how near to the
 path they are, in periods and in its largest velocity."""
 SAME_FLIGHT = 1e-6
-"""How well a simulated flight repeats one of a path; beside a grazing it does by the square root of
-rounding."""
+"""How well a simulated flight repeats one of a path, in periods; beside a grazing it does by the
+square root of rounding."""
 
 
 Guess = tuple[str, int | None, Array, Word]
@@ -385,6 +385,7 @@ def is_physical(path: Connected) -> bool:
             continue
         _, dt, _ = simulator.fly(wall, phase, row[1])
         following = rows[k + 1 : k + 3] if k + 1 == problem.grazing else rows[k + 1 : k + 2]
-        if not min(abs(dt - (later[0] - row[0])) for later in following) < SAME_FLIGHT:
+        off = min(abs(dt - (later[0] - row[0])) for later in following)
+        if not off < SAME_FLIGHT * simulator.period:
             return False
     return True

@@ -215,9 +215,14 @@ def _is_recorded(event: OrbitEvent, events: Sequence[OrbitEvent]) -> bool:
     return any(
         event.kind == other.kind
         and event.details.get("index") == other.details.get("index")
-        and bool(np.max(np.abs(event.point.unknowns - other.point.unknowns)) < 1e-8)
+        and _is_same(event.point, other.point)
         for other in events
     )
+
+
+def _is_same(one: OrbitPoint, other: OrbitPoint) -> bool:
+    units = other.evaluation.problem.natural_units(other.unknowns)
+    return bool(np.max(np.abs((one.unknowns - other.unknowns) / units)) < 1e-8)
 
 
 def _bisect_change(

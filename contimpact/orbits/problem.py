@@ -873,6 +873,11 @@ class OrbitProblem:
         one[0] = self.period(unknowns)
         return np.append(np.tile(one, len(self.word)), self._units_of_parameters(unknowns))
 
+    def size_of_gaps(self, unknowns: Array) -> float:
+        """Return the natural size of gaps: the way at the largest velocity in a period."""
+        units = self.natural_units(unknowns)[: self.n].reshape(-1, self.m)
+        return float(np.max(units[:, 1])) * self.period(unknowns)
+
     def _units_of_parameters(self, unknowns: Array) -> Array:
         sizes = np.abs(unknowns[self.n :])
         return np.where(sizes > 0.0, sizes, 1.0)

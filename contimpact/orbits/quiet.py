@@ -249,6 +249,10 @@ class QuietProblem(OrbitProblem):
         units[1::2] *= rate
         return np.append(units, self._units_of_parameters(unknowns))
 
+    def size_of_gaps(self, unknowns: Array) -> float:
+        """Return the natural size of gaps: the largest of positions."""
+        return float(self.natural_units(unknowns)[0])
+
     def times_around(self, unknowns: Array, flight: int) -> tuple[float, float]:
         """Return the times between which touches are looked for."""
         return 0.0, self.span(unknowns) + BEYOND * self.period(unknowns)

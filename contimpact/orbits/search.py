@@ -644,9 +644,12 @@ def solve_near(
     problem: OrbitProblem, unknowns: Array, iterations: int = 12
 ) -> Linearisation | None:
     """Solve for an orbit at fixed parameter, to rounding, from a good guess; None if it fails."""
-    z, least = unknowns.copy(), math.inf
+    z, n, least = unknowns.copy(), problem.n, math.inf
     best: Linearisation | None = None
     try:
+        if not z[:n].any():  # a state of no size: that of the orbit is seen after a step
+            here = problem.evaluate(z)
+            z[:n] = -np.linalg.solve(here.jacobian[:, :n], here.residual)
         units = problem.residual_sizes(problem.natural_units(z))
         for _ in range(iterations):
             here = problem.evaluate(z)
@@ -655,7 +658,7 @@ def solve_near(
                 break
             best, least = here, size
             z = z.copy()
-            z[: problem.n] -= np.linalg.solve(here.jacobian[:, : problem.n], here.residual)
+            z[:n] -= np.linalg.solve(here.jacobian[:, :n], here.residual)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         return None
     return best if least < 1e-11 else None

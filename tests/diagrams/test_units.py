@@ -9,11 +9,16 @@ import numpy as np
 import pytest
 
 import contimpact as ci
+from contimpact.bifurcations.crisis import Connected, Connection
 from contimpact.bifurcations.kind import kind_of
 from contimpact.bifurcations.kind import test_functions as make_tests
+from contimpact.bifurcations.sliding import near_touches
+from contimpact.bifurcations.zero_duration import ZeroDuration
+from contimpact.continuation.branch import Event, Point
 from contimpact.continuation.settings import Settings
+from contimpact.diagrams.connection_paths import is_physical
 from contimpact.diagrams.orbit_branch import walk_both_ways
-from contimpact.diagrams.orbit_walks import walk_orbits
+from contimpact.diagrams.orbit_walks import _is_recorded, walk_orbits
 from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.quiet import QuietProblem
@@ -21,6 +26,7 @@ from contimpact.results.scene import read_scene
 from contimpact.segments.bounded import bounds_of
 from contimpact.segments.checking import check_model
 from contimpact.segments.kernels import Kernels
+from contimpact.simulation.simulator import Simulator
 from contimpact.systems.duffing import Duffing
 
 pytest.importorskip("heyoka", reason="needs contimpact[ode]")
@@ -234,3 +240,70 @@ def test_maps_are_the_same_in_any_units(length, time):
         there = model.replace(**{n: float(curve[n][row]) for n in ("omega", "sigma")})
         orbits = ci.find_orbits(there, "1", parameter="omega", starts=32)
         assert min(min(abs(orbit.multipliers + 1.0)) for orbit in orbits) < 1e-11
+
+
+def scaled_masses(length, time, word):
+    """A scene of two masses between stops, in other units."""
+    sizes = {"c": 1.0 / time, "k": 1.0 / time**2, "a": length / time**2, "o": 1.0 / time}
+    sizes |= {"s": length, "r": 1.0}
+    given = {"c1": 0.1, "c2": 0.05, "k1": 1.0, "k2": 0.6, "a1": 1.0, "omega": 1.3}
+    given |= {"sigma_1": 1.0, "sigma_2": 1.0, "r": 0.8}
+    values = {name: value * sizes[name[0]] for name, value in given.items()}
+    limits = [0.9 / time, 1.4 / time]
+    follow = {"parameter": "omega", "range": limits, "orbits": [word], "switch": ["V"]}
+    model = {"system": "two-masses", "parameters": values}
+    detect = {"events": ["G", "V"]}
+    return read_scene({"name": "m", "model": model, "follow": follow, "detect": detect})
+
+
+@pytest.mark.full
+def test_what_is_born_without_impacts_is_found_in_large_units():
+    """From a touch at which all is zero a search saw no size, and its residual was too large."""
+    expected, found = (ci.follow(scaled_masses(length, 1.0, "A")) for length in (1.0, 1e6))
+    assert [entry.label for entry in found.entries] == [entry.label for entry in expected.entries]
+    assert {"V[1:0->0]", "G[0->0:1]"} <= {entry.label for entry in found.entries}
+    assert [branch.notation for branch in found.branches] == ["1:0", "0"]
+
+
+def test_durations_are_not_rounding_in_small_units_of_time():
+    model = scaled_masses(1.0, 1e-12, "A").model
+    orbit = ci.find_orbits(model, "A", parameter="omega", starts=32)[0]
+    point = Point(orbit.linearisation, np.full(5, np.nan), 0.0, 0.0, 0)
+    assert ZeroDuration(orbit.problem).values(point) == pytest.approx([1.0])
+
+
+@pytest.mark.parametrize("length", [1.0, 1e-9])
+def test_a_gap_is_no_touch_in_small_units_of_length(length):
+    """A gap of a fifth of the amplitude is below 1e-9 in them."""
+    model = ci.Oscillator(a=0.5 * length, omega=1.0, c=0.2, k=1.0, sigma=0.1 * length, r=0.8)
+    orbit = next(o for o in ci.find_orbits(model, "1", parameter="omega") if o.stable)
+    assert orbit.smallest_gap == pytest.approx(0.155706800621 * length)
+    assert not near_touches(orbit.linearisation)
+
+
+@pytest.mark.parametrize(("time", "off"), [(1e-6, 0.0), (1e-6, 1e-3), (1e6, 0.0), (1e6, 1e-3)])
+def test_a_path_is_physical_if_flights_repeat_it_in_any_unit_of_time(time, off):
+    rate = 1.0 / time
+    model = ci.Oscillator(
+        a=0.5 * rate**2, omega=1.7 * rate, c=0.2 * rate, k=rate**2, sigma=0.1, r=0.8
+    )
+    simulator = Simulator(model)
+    run = simulator.run(simulator.state("S", 0.3 * time, rate), impacts=6)
+    rows = np.column_stack([run.times, run.velocities])
+    rows[3, 0] += off * time
+    word = Word("S", 1)
+    problem = Connection(model, Kernels(model, "omega"), "S" * len(rows), None, word, word)
+    path = Connected(problem, np.append(rows.ravel(), 1.7 * rate), np.zeros(0), np.zeros(0))
+    assert is_physical(path) == (not off)
+
+
+def test_events_of_different_orbits_are_two_in_small_units():
+    model = ci.Oscillator(a=0.5, omega=1.7e9, c=2e8, k=1e18, sigma=1e-19, r=0.8)
+    orbit = ci.find_orbits(model, "1", parameter="sigma", starts=32)[0]
+    points = [
+        Point(orbit.problem.evaluate(part * orbit.unknowns), np.zeros(3), 0.0, 0.0, 0)
+        for part in (1.0, 1.01)
+    ]
+    one, other = (Event("FB", point, 0.0, 0.0, "newton") for point in points)
+    assert _is_recorded(one, [one])
+    assert not _is_recorded(other, [one])
