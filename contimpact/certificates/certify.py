@@ -207,6 +207,8 @@ class CertificateLog:
 NONE = "there is no certificate"
 ROUNDING = 1e-9
 """Rounding error that shares may have."""
+PRINTED = 0.95
+"""Part of a radius that is left where the box it was told of is read back from its digits."""
 
 
 class RecordedOrbits:
@@ -450,10 +452,25 @@ def verify_results(
         if c.id not in known
     ]
     there = {one.id: one for one in tubes}
-    more = [name for name, record in kept.items() if _says_more(record, there.get(name))]
+    more = [entry.id for entry in entries if _claims_more(entry, records.get(entry.id), known)]
+    more += [name for name, record in kept.items() if _says_more(record, there.get(name))]
     seconds = time.perf_counter() - began
     said = digest(results.catalogue)
     return Certificates(stored.scene, said, found, tubes, seconds, versions(), more)
+
+
+def _claims_more(
+    entry: Entry, record: EventCertificate | None, known: Mapping[str, EventCertificate]
+) -> bool:
+    """Whether an entry, or its certificate, tells another event or a smaller radius than is
+    proven."""
+    found = known[entry.id]
+    if record is None or found.certified_radius is None:
+        return False
+    if (record.kind, record.branch) != (found.kind, found.branch):
+        return True
+    told = record.certified_radius, entry.certified_radius
+    return any(one is not None and one < PRINTED * found.certified_radius for one in told)
 
 
 def _says_more(record: BranchCertificate, found: BranchCertificate | None) -> bool:

@@ -252,6 +252,22 @@ def test_a_forged_box_is_found(folder, key):
     assert {c.id: c.clause for c in found.rejected} == {"e2": "existence"}
 
 
+@pytest.mark.parametrize(
+    ("name", "key", "claim"),
+    [(FILE, "certified_radius", 0.0), (FILE, "kind", "FB"), ("catalogue.json", None, 1e-60)],
+)
+def test_a_certificate_that_claims_more_than_it_proves_is_found(folder, name, key, claim):
+    """A radius, or a kind, that a proof does not give was confirmed."""
+    results = open_results(folder)
+    write_certificates(results, certify_results(results, CertifyOptions(branches=False)))
+    record = json.loads((folder / name).read_text())
+    record["entries"][1][key or "certified_radius"] = claim
+    (folder / name).write_text(json.dumps(record))
+    found = verify_results(open_results(folder))
+    assert (found.rejected, found.unconfirmed, found.certified) == ([], ["e2"], False)
+    assert "e2: its stored certificate says more than that" in found.lines()
+
+
 @pytest.mark.parametrize("factor", [100.0, 1e-8])
 @pytest.mark.full
 def test_a_forged_tube_is_found(folder, proven, factor, capsys):
