@@ -165,7 +165,8 @@ OWN_ITERATIONS = 3
 
 
 class RepetitionTest(TestFunction[CurvePoint]):
-    """The orbit becomes a shorter one: impacts that are to be the same have the same velocity."""
+    """The orbit becomes a shorter one: impacts that are to be the same have the same velocity, by
+    the largest."""
 
     kind = "shorter"
     noise = rounding = 1e-9  # on a curve of shorter orbits it is zero everywhere
@@ -176,7 +177,8 @@ class RepetitionTest(TestFunction[CurvePoint]):
     def values(self, point: Point[CurvePoint]) -> Array:
         orbit = point.evaluation.orbit
         speeds = orbit.problem.impacts(orbit.unknowns)[:, 1]
-        return np.asarray(speeds - np.roll(speeds, self.impacts))[: self.impacts]
+        apart = np.asarray(speeds - np.roll(speeds, self.impacts))[: self.impacts]
+        return apart / (np.max(np.abs(speeds)) or 1.0)
 
     def locate(
         self, problem: Problem[CurvePoint], guess: Point[CurvePoint], index: int
@@ -516,12 +518,14 @@ def curve_from_walks(
 
 
 def _is_shorter_end(event: Event[CurvePoint], walks: Iterable[Walk]) -> bool:
-    """Whether an event is the end at an orbit that repeats a shorter one, where the equations of
-    others are singular: the curve of the shorter orbit has that point."""
-    if not any(walk.end.kind is EndKind.SHORTER for walk in walks):
-        return False
-    orbit = event.point.evaluation.orbit
-    return repeats(orbit.problem, orbit.unknowns, SAME_ORBIT)
+    """Whether an event is not told from the end at an orbit that repeats a shorter one, where the
+    equations of others are singular: the curve of the shorter orbit has that point."""
+    ends = [walk.points[-1] for walk in walks if walk.end.kind is EndKind.SHORTER]
+    orbit, value = event.point.evaluation.orbit, event.parameter
+    return bool(ends) and (
+        repeats(orbit.problem, orbit.unknowns, SAME_ORBIT)
+        or any(abs(value - end.parameter) <= event.error for end in ends)
+    )
 
 
 def clip_rounding(model: Model, name: str, values: ArrayLike) -> Array:

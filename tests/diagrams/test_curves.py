@@ -559,3 +559,18 @@ def test_branches_at_other_values_of_the_second_parameter_are_kept_and_belong_to
     known = {entry.id for entry in fig6d.entries}
     assert all(curve.origin in known for curve in fig6d.curves)
     assert len({branch["r"][0] for branch in fig6d.branches}) > 1
+
+
+@pytest.mark.quick(1)
+@pytest.mark.parametrize("r", [0.33, 0.19, 0.2, 0.23])
+def test_no_point_is_found_by_rounding_beside_an_end_at_a_shorter_orbit(r):
+    """There an orbit that grazes has the multiplier 1, too: a G-FB was found at r = 0.185727."""
+    model = ImpactPair(beta=math.pi / 6, r=r, A=5.0, s=0.36)
+    orbits = find_orbits(model, "1:1/2T", parameter="s", starts=64)
+    events = [e for o in orbits for e in continue_orbit(o, range=(0.2, 0.42), events=["G"]).events]
+    curves = [follow_curve(e, model, "r", (0.2, 0.42), (0.15, 0.6)) for e in events]
+    (curve,) = (c for c in curves if "SHORTER" in {end.kind.name for end in c.ends})
+    points = {point.kind: point.parameters["r"] for point in curve.points}
+    expected = {"G-FB": 0.336352666157718, "G-PD": 0.392475271817893}
+    assert len(curve.points) == 2
+    assert points == pytest.approx(expected, abs=1e-12)
