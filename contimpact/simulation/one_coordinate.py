@@ -184,8 +184,10 @@ class OneCoordinate:
         self._motion = motion_at(self.motions, self.values)
         self.zeros = time_zeros(kernels.harmonics(*self.values), period)
         self._holds = tuple(self._hold(k) for k in range(len(guards)))
+        fastest = [hold.largest * period for hold in self._holds]
         self.restitution = tuple(
-            coefficient(self._motion, k) if guard.rigid else 1.0 for k, guard in enumerate(guards)
+            coefficient(self._motion, k, fastest[k]) if guard.rigid else 1.0
+            for k, guard in enumerate(guards)
         )
         self.body = self._as_body()
 

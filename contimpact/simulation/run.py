@@ -423,7 +423,8 @@ SHORT = 1e-9
 EARLY = 1e-6
 """... and in units of the time until the acceleration turns away."""
 LOW = 1e-6
-"""A velocity at which the coefficient of chatter is read off."""
+"""A velocity at which the coefficient of chatter is read off, as part of that to which the
+acceleration leads in a period."""
 
 
 def rest_after(
@@ -450,9 +451,10 @@ def slow_velocity(e: float, acceleration: float, period: float) -> float:
     return SHORT * period * acceleration * max(1.0 - e, 0.0) / (2.0 * e)
 
 
-def coefficient(motion: Callable[..., Any], wall: int) -> float:
-    """Return the coefficient of restitution at low velocity."""
-    return abs(float(motion((wall, 0.0, LOW), 0.0)[1])) / LOW
+def coefficient(motion: Callable[..., Any], wall: int, fastest: float) -> float:
+    """Return the coefficient of restitution at velocities that are low beside the fastest."""
+    low = LOW * (fastest if 0.0 < fastest < math.inf else 1.0)
+    return abs(float(motion((wall, 0.0, low), 0.0)[1])) / low
 
 
 DONE, RESTING, NO_IMPACT, RUNAWAY, _, BEYOND, UNDEFINED, LEFT = range(8)

@@ -26,6 +26,8 @@ from contimpact.results.scene import read_scene
 from contimpact.segments.bounded import bounds_of
 from contimpact.segments.checking import check_model
 from contimpact.segments.kernels import Kernels
+from contimpact.simulation.attractor import Kind
+from contimpact.simulation.settle import Settling, settle
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.duffing import Duffing
 
@@ -307,3 +309,20 @@ def test_events_of_different_orbits_are_two_in_small_units():
     one, other = (Event("FB", point, 0.0, 0.0, "newton") for point in points)
     assert _is_recorded(one, [one])
     assert not _is_recorded(other, [one])
+
+
+@pytest.mark.parametrize(("length", "time"), [(1.0, 1.0), (1e6, 1e-6), (1e-9, 1e-6)])
+def test_motions_are_simulated_alike_in_any_units(length, time):
+    """The restitution of slow impacts was read off at a speed of 1e-6: where speeds are 1e12 it was
+    0 for 0.3, and all motions stuck."""
+    rate = 1.0 / time
+    given = {"a": 0.5 * length * rate**2, "c": 0.1 * rate, "k": rate**2, "sigma": 0.1 * length}
+    model = ci.Oscillator(**given, omega=2.46 * rate, r=0.3)
+    simulator = Simulator(model)
+    assert simulator.machine.restitution == pytest.approx([0.3], rel=1e-11)
+    start = simulator.state("S", 0.3 * time, length * rate)
+    found = settle(simulator, start, Settling(periods=1000))
+    assert (found.kind, found.notation) == (Kind.PERIODIC, "1/2T")
+    orbits = ci.find_orbits(model, "1/2T", parameter="omega", starts=64)
+    speeds = next(np.sort(o.velocities) for o in orbits if o.stable and o.physical)
+    assert np.sort(found.velocities) == pytest.approx(speeds, rel=1e-12)
