@@ -875,8 +875,8 @@ class OrbitProblem:
 
     def size_of_gaps(self, unknowns: Array) -> float:
         """Return the natural size of gaps: the way at the largest velocity in a period."""
-        units = self.natural_units(unknowns)[: self.n].reshape(-1, self.m)
-        return float(np.max(units[:, 1])) * self.period(unknowns)
+        sizes = self.scale(unknowns, 1.0)[1 : self.n : self.m] / math.sqrt(len(self.word))
+        return float(np.max(sizes)) * self.period(unknowns)
 
     def _units_of_parameters(self, unknowns: Array) -> Array:
         sizes = np.abs(unknowns[self.n :])

@@ -250,8 +250,8 @@ class QuietProblem(OrbitProblem):
         return np.append(units, self._units_of_parameters(unknowns))
 
     def size_of_gaps(self, unknowns: Array) -> float:
-        """Return the natural size of gaps: the largest of positions."""
-        return float(self.natural_units(unknowns)[0])
+        """Return the natural size of gaps: that of positions along the orbit."""
+        return float(self.scale(unknowns, 1.0)[0])
 
     def times_around(self, unknowns: Array, flight: int) -> tuple[float, float]:
         """Return the times between which touches are looked for."""
