@@ -302,8 +302,7 @@ def solve_cycle(simulator: Simulator, state: State, impacts: int, period: int) -
         word = walls
         late = (end.turns - state.turns - period) * simulator.period + end.phase - state.phase
         miss = np.array([late, *np.subtract(end.section, state.section)])
-        sizes = np.array([simulator.period, *np.maximum(1.0, np.abs(state.section))])
-        size = float(np.max(np.abs(miss) / sizes))
+        size = float(np.max(np.abs(miss) / _natural_sizes(state, simulator.period)))
         rows = [state, *run.states()]
         if size < CLOSED or (size >= 0.5 * best and size < ROUNDED):
             mus = _multipliers(simulator, rows)
@@ -318,6 +317,15 @@ def solve_cycle(simulator: Simulator, state: State, impacts: int, period: int) -
         if state.velocity * simulator.sides[state.wall] <= 0.0:
             return None
     return None
+
+
+def _natural_sizes(state: State, period: float) -> Array:
+    """Of a time and section coordinates: the period, the largest velocity, and for positions what
+    it is in a wave of the forcing."""
+    sizes = np.full(1 + len(state.section), np.max(np.abs(state.section[::2])) or 1.0)
+    sizes[::2] *= period / (2.0 * math.pi)
+    sizes[0] = period
+    return sizes
 
 
 def _newton_step(simulator: Simulator, rows: Sequence[State], miss: Array) -> list[float] | None:
@@ -472,6 +480,8 @@ def _multipliers(simulator: Simulator, rows: Sequence[State]) -> tuple[complex, 
     derivatives = _derivatives(simulator, rows)
     if not np.all(np.isfinite(derivatives)):
         return (complex(math.inf),) * derivatives.shape[1]
+    sizes = np.exp2(np.round(np.log2(_natural_sizes(rows[0], simulator.period))))
+    derivatives = derivatives * sizes / sizes[:, None]
     back = np.broadcast_to(-np.eye(derivatives.shape[1]), derivatives.shape)
     return tuple(complex(mu) for mu in multipliers(derivatives, back))
 

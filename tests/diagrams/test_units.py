@@ -326,3 +326,18 @@ def test_motions_are_simulated_alike_in_any_units(length, time):
     orbits = ci.find_orbits(model, "1/2T", parameter="omega", starts=64)
     speeds = next(np.sort(o.velocities) for o in orbits if o.stable and o.physical)
     assert np.sort(found.velocities) == pytest.approx(speeds, rel=1e-12)
+
+
+@pytest.mark.parametrize(("length", "time"), [(1.0, 1.0), (1e6, 1e-6)])
+def test_motions_of_two_masses_settle_in_any_units(length, time):
+    """Derivatives of the map mixed units, and a cycle's multipliers were infinite."""
+    model = scaled_masses(length, time, "A").model.replace(omega=1.05 / time)
+    simulator = Simulator(model)
+    speed = length / time
+    start = simulator.state("A", 0.3 * time, speed, others=(0.1 * length, 0.2 * speed))
+    found = settle(simulator, start, Settling(periods=600))
+    assert (found.kind, found.notation) == (Kind.PERIODIC, "0:1")
+    orbit = next(o for o in ci.find_orbits(model, "B", parameter="omega") if o.stable)
+    assert found.velocities == pytest.approx(orbit.velocities, rel=1e-12)
+    moduli = np.sort(np.abs(found.multipliers))
+    assert moduli == pytest.approx(np.sort(np.abs(orbit.multipliers)), rel=1e-7)
