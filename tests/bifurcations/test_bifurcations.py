@@ -21,6 +21,7 @@ from contimpact.continuation.branch import EndKind, Event, Point
 from contimpact.continuation.settings import Settings
 from contimpact.continuation.walk import walk
 from contimpact.diagrams.orbit_branch import continue_orbit
+from contimpact.diagrams.orbit_walks import walk_orbits
 from contimpact.errors import InputError
 from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem
@@ -40,15 +41,9 @@ D_TIMES_A = 1.55625  # N at s = 0.5 m
 def follow(orbit, limits, direction, kinds=DETECTED, requested=None, settings=None):
     """Follow an orbit one way with these events on, and check the branch."""
     problem = orbit.problem
-    found = walk(
-        problem,
-        orbit.unknowns,
-        direction,
-        parameter=problem.parameter,
-        limits=limits,
-        tests=test_functions(problem, kinds, requested or {}),
-        settings=settings,
-    )
+    tests = test_functions(problem, kinds, requested or {})
+    options = {"limits": limits, "tests": tests, "settings": settings}
+    found = walk_orbits(problem, orbit.unknowns, direction, gaps=False, **options)
     check_branch(found, settings or Settings())
     return found
 
@@ -62,7 +57,7 @@ def events_of(walks, kind=None):
 
 
 def check_branch(found, settings):
-    points = found.points
+    points = list(found.points)  # each is made when it is asked for
     assert points[0].arclength == 0.0
     assert np.all(np.diff([point.arclength for point in points]) > 0.0)
     problem = points[0].evaluation.problem
@@ -417,7 +412,7 @@ def test_flights_evaluated_are_bounded():
     model, parameter, limits = family(7)
     orbit = find_orbits(model, "1:1", parameter=parameter)[0]
     before = orbit.problem.kernel_evaluations
-    found = follow(orbit, limits, 1, kinds=())
+    found = walk(orbit.problem, orbit.unknowns, 1, parameter=parameter, limits=limits)
     spent = orbit.problem.kernel_evaluations - before
     tries = len(found.points) + found.rejected_steps + 1
     assert spent <= 2 * (found.corrector_iterations + tries)
