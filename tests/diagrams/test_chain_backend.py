@@ -35,7 +35,8 @@ SHIPPED = Path(__file__).parents[2] / "branches"
 @functools.cache
 def shipped(name, word, **changes):
     scene = load_scene(SHIPPED / name / "scene.toml")
-    return find_orbits(scene.model.replace(**changes), word, parameter=scene.parameter)[0]
+    model = scene.model.replace(**changes)
+    return find_orbits(model, word, parameter=scene.parameter, starts=16, rounds=1)[0]
 
 
 ORBITS = {
@@ -130,22 +131,34 @@ def test_the_circle_on_both_sides(al, ga):
     assert not np.any(here.multipliers[1:])
 
 
+def walked(orbit, walk, **about):
+    """A walk across an orbit."""
+    problem, value = orbit.problem, float(orbit.unknowns[-1])
+    return walk(
+        problem,
+        orbit.unknowns,
+        1,
+        tests=functions_of(problem, ("FB", "BP", "PD", "NS", "G", "V"), {}),
+        limits=(0.97 * value, 1.03 * value),
+        settings=Settings(step=0.01, max_step=0.01, max_angle=1.0),
+        **about,
+    )
+
+
+@functools.cache
+def densely_walked(kind):
+    orbit = exported(kind)
+    return walked(orbit, walk, parameter=orbit.problem.parameter)
+
+
 @integrated
 @pytest.mark.full
 @pytest.mark.parametrize("kind", ORBITS)
 @pytest.mark.parametrize("compiled", ["never", pytest.param("always", marks=needs_llvmlite)])
 def test_walks_against_dense_matrices(kind, compiled, monkeypatch):
+    dense = densely_walked(kind)
     monkeypatch.setenv("CONTIMPACT_COMPILED", compiled)
-    orbit = exported(kind)
-    problem, value = orbit.problem, float(orbit.unknowns[-1])
-    limits = 0.97 * value, 1.03 * value
-    settings = Settings(step=0.01, max_step=0.01, max_angle=1.0)
-    kinds = ("FB", "BP", "PD", "NS", "G", "V")
-    asked = {"limits": limits, "settings": settings}
-    chain = walk_orbits(problem, orbit.unknowns, 1, tests=functions_of(problem, kinds, {}), **asked)
-    given = problem, orbit.unknowns, 1
-    tests, about = functions_of(problem, kinds, {}), {"parameter": problem.parameter}
-    dense = walk(*given, tests=tests, **about, **asked)
+    chain = walked(exported(kind), walk_orbits)
     assert chain.end == dense.end
     assert len(chain.points) == len(dense.points)
     for one, other in zip(chain.points, dense.points, strict=True):
