@@ -122,7 +122,7 @@ def test_orbits_without_impacts():
 def test_a_period_doubling_without_impacts():
     """Of a driven pendulum that swings freely: the orbit of two periods is born."""
     model = Pendulum(a=1.0, omega=0.83, c=0.1, sigma=4.0, r=0.8)
-    orbits = ci.find_orbits(model, "0", parameter="omega")
+    orbits = ci.find_orbits(model, "0", parameter="omega", rounds=1)
     orbit = next(orbit for orbit in orbits if orbit.stable and orbit.physical)
     branch = ci.continue_orbit(orbit, "omega", (0.822, 0.835), events=["PD"])
     (event,) = branch.events

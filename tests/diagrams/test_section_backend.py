@@ -12,6 +12,11 @@ from integrated import MASSES, Integrated, IntegratedMasses
 import contimpact as ci
 from contimpact.diagrams.chain_backend import SectionBackend
 from contimpact.diagrams.orbit_walks import backend_of
+from contimpact.models.word import parse_word
+from contimpact.orbits.orbit import Orbit
+from contimpact.orbits.quiet import problem_of
+from contimpact.orbits.search import solve_near
+from contimpact.segments.kernels import Kernels
 from contimpact.systems.duffing import Duffing
 from contimpact.systems.oscillator import Oscillator
 from contimpact.systems.two_masses import TwoMasses
@@ -27,9 +32,9 @@ DUFFING = {"a": 0.5, "omega": 1.4, "c": 0.1, "alpha": 1.0, "beta": 1.0, "sigma":
 EVENTS = ["FB", "BP", "PD", "G", "NS"]
 
 
-def both_ways(model, parameter, limits, plain_and_compiled, choose=lambda orbits: orbits[0]):
+def both_ways(orbit, limits, plain_and_compiled):
     """The branch of `0` by plain and by compiled steps, which agree to rounding."""
-    orbit = choose(ci.find_orbits(model, "0", parameter=parameter))
+    parameter = orbit.problem.parameter
     one, other = plain_and_compiled(
         lambda: ci.continue_orbit(orbit, parameter, limits, events=EVENTS)
     )
@@ -67,7 +72,8 @@ def flown(force, state, span):
 @pytest.mark.full
 def test_duffing_against_scipy(plain_and_compiled):
     """Residuals, multipliers and gaps on both sides of the folds; the touch is in the period."""
-    branch = both_ways(Duffing(**DUFFING), "omega", (0.88, 2.5), plain_and_compiled)
+    orbit = ci.find_orbits(Duffing(**DUFFING), "0", parameter="omega", rounds=1)[0]
+    branch = both_ways(orbit, (0.88, 2.5), plain_and_compiled)
     assert [e.kind for e in branch.events].count("FB") == 2
     (first, *_) = [e for e in branch.events if e.kind == "G"]
     assert 0.0 <= first.touch_time < 2.0 * math.pi / first.value
@@ -93,7 +99,10 @@ def test_duffing_against_scipy(plain_and_compiled):
 def test_a_free_period(plain_and_compiled):
     """Van der Pol's oscillation has the period 6.663286859323130... at epsilon = 1."""
     model = VanDerPol(epsilon=1.0, sigma=2.1, r=0.8)
-    branch = both_ways(model, "epsilon", (0.7, 1.5), plain_and_compiled)
+    word = parse_word("0", model.letters, free=True)
+    problem = problem_of(model, word, Kernels(model, "epsilon"))
+    orbit = Orbit(problem, solve_near(problem, np.array([2.0, 6.7, 1.0])))
+    branch = both_ways(orbit, (0.7, 1.5), plain_and_compiled)
     row = int(np.argmin(np.abs(branch["epsilon"] - 1.0)))
     assert branch["epsilon"][row] == pytest.approx(1.0, abs=1e-15)
     orbit = branch.orbit(row)
@@ -115,7 +124,8 @@ def test_a_free_period(plain_and_compiled):
 )
 def test_flights_that_have_a_closed_form(kinds, values, parameter, limits, plain_and_compiled):
     exact, integrated = (kind(**values) for kind in kinds)
-    found = both_ways(integrated, parameter, limits, plain_and_compiled)
+    orbit = ci.find_orbits(integrated, "0", parameter=parameter, rounds=1)[0]
+    found = both_ways(orbit, limits, plain_and_compiled)
     (orbit,) = ci.find_orbits(exact, "0", parameter=parameter)
     truth = ci.continue_orbit(orbit, parameter, limits, events=EVENTS)
     assert len(found) == len(truth)
@@ -130,13 +140,9 @@ def test_flights_that_grow_too_long(plain_and_compiled):
     """About the top between two wells a period enlarges differences by exp(2 pi/omega) and more:
     from there on flights are computed in pieces."""
     model = Duffing(**DUFFING | {"alpha": -1.0, "a": 0.1, "omega": 1.2, "sigma": 3.0})
-    branch = both_ways(
-        model,
-        "omega",
-        (0.55, 1.3),
-        plain_and_compiled,
-        lambda orbits: min(orbits, key=lambda orbit: abs(orbit.unknowns[0])),
-    )
+    orbits = ci.find_orbits(model, "0", parameter="omega")
+    orbit = min(orbits, key=lambda orbit: abs(orbit.unknowns[0]))
+    branch = both_ways(orbit, (0.55, 1.3), plain_and_compiled)
     assert branch["omega"][0] == 0.55
     assert branch["multiplier1_re"][0] > 1e4
     product = branch["multiplier1_re"] * branch["multiplier2_re"]

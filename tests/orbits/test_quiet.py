@@ -204,7 +204,7 @@ def test_events_are_restored_from_their_states(tmp_path):
     turn further, whose multipliers are the same, are others."""
     pytest.importorskip("heyoka")
     model = Pendulum(a=0.8, omega=0.9, c=0.2, sigma=3.0, r=0.7)
-    orbit = find_orbits(model, "0", parameter="a")[0]
+    orbit = find_orbits(model, "0", parameter="a", rounds=1)[0]
     branch = continue_orbit(orbit, "a", (0.2, 1.4), events=["BP"])
     (event,) = branch.events
     assert event.orbit().unknowns[:2].tolist() == event.state
@@ -231,9 +231,8 @@ def test_events_are_restored_from_their_states(tmp_path):
 def test_an_older_entry_has_the_orbit_of_its_multipliers_or_says_that_there_is_none():
     pytest.importorskip("heyoka")
     model = Duffing(a=0.3, omega=1.3, c=0.1, alpha=1.0, beta=1.0, sigma=0.8, r=0.8)
-    branch = continue_orbit(
-        find_orbits(model, "0", parameter="a")[0], "a", (0.05, 2.0), events=["G"]
-    )
+    orbit = find_orbits(model, "0", parameter="a", rounds=1)[0]
+    branch = continue_orbit(orbit, "a", (0.05, 2.0), events=["G"])
     (event,) = branch.events
     older = dataclasses.replace(event, state=None)
     assert older.orbit().unknowns == pytest.approx(event.orbit().unknowns, abs=1e-9)
