@@ -16,6 +16,8 @@ from contimpact.diagrams.orbit_branch import symmetric_end, walk_both_ways
 from contimpact.orbits.search import find_orbits
 from contimpact.segments.kernels import Kernels
 
+pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
+
 HARMONICS = 5
 RANGE = (0.08, 1.05)
 WORDS = ("1:1", "1:1", "2:1", "1:1/2T", "2:2", "1:0")
