@@ -13,6 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
+import pytest
 from zoo import ROOT, tool
 
 import contimpact
@@ -389,6 +390,7 @@ OPTIONAL = ("accuracy", "certificates", "page", "studies")
 """Packages that only some commands need."""
 
 
+@pytest.mark.full
 def test_the_core_runs_without_the_optional_packages(tmp_path):
     """Copied without them, it follows the orbits of Fig. 7 and draws the diagram."""
     left_out = shutil.ignore_patterns(*OPTIONAL)

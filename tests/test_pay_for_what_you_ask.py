@@ -273,6 +273,7 @@ def test_no_heavy_module_is_imported(measured, name):
 
 
 @pytest.mark.parametrize("name", SCENES)
+@pytest.mark.quick(1)
 def test_no_kernel_but_those_asked_for(measured, name):
     found = measured(*SCENES[name])
     assert found["generated"] == []
@@ -281,6 +282,7 @@ def test_no_kernel_but_those_asked_for(measured, name):
 
 
 @pytest.mark.parametrize("name", SCENES)
+@pytest.mark.quick(1)
 def test_second_derivatives_are_evaluated_for_events_alone(measured, name):
     found = measured(*SCENES[name])
     counts, derived = found["counts"], "contimpact.segments.derivatives" in found["modules"]

@@ -153,7 +153,7 @@ def test_two_thousand_runs_agree(diagram, near):
 
 
 @pytest.mark.parametrize("kind", ["PD", "G"])
-@pytest.mark.quick(1)
+@pytest.mark.full
 def test_sides_of_polygons_keep_to_curves(diagram, kind):
     """The middle of every side, on the curve that is followed anew through its value of r."""
     (curve,) = (c for c in diagram.curves if c.kind == kind)

@@ -106,6 +106,7 @@ def test_orbits_of_a_pendulum_in_many_digits(sigma):
         assert np.max(np.abs(orbit.multipliers - multipliers) / sizes) < 1e-12
 
 
+@pytest.mark.full
 def test_orbits_without_impacts():
     """Small oscillations of a pendulum, and those about the next turn."""
     model = Pendulum(a=0.01, omega=2.0, c=0.1, sigma=1.0, r=0.8)

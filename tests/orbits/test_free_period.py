@@ -305,6 +305,7 @@ def test_records_are_orbits_again(branch, tmp_path):
         lambda model: ci.basin_fractions(model, "c", [-0.1], box={"position": [[0.0, 1.0]]}),
     ],
 )
+@pytest.mark.quick(4)
 def test_attractors_of_a_free_period_are_refused(ask):
     """They were told by the forcing's period, of which the stable limit cycle has none."""
     with pytest.raises(InputError, match=r"^model: .* no forcing; use Simulator for single"):

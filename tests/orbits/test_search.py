@@ -658,7 +658,7 @@ def test_starts_that_lead_to_rest_are_no_orbits(monkeypatch):
         ((97.2275, 2.6283, 0.6994, 1.0, 0.6036), 3),
     ],
 )
-@pytest.mark.quick(1)
+@pytest.mark.full
 def test_orbits_without_impacts_are_found_beside_each_other(values, count):
     """As many as Newton's iteration led to from 750 states, by Runge and Kutta's method; all that
     attract are among them, where scipy's integration leads from 20 random states."""

@@ -83,7 +83,7 @@ def flown_plainly(field, directions, numbers):
 
 @pytest.mark.parametrize("field", FIELDS)
 @pytest.mark.parametrize("dt", [5.0, 0.0, 1e-9, 0.7, -1.5])
-@pytest.mark.quick(len(FIELDS) + 2)
+@pytest.mark.quick(6)
 def test_flights_and_derivatives_are_those_in_many_digits(field, dt):
     directions, numbers = directions_of(field), numbers_for(field, dt, 7)
     exact = many_digits(CTX).names["flown"](field, directions, *numbers)
@@ -92,6 +92,7 @@ def test_flights_and_derivatives_are_those_in_many_digits(field, dt):
     assert max(abs(float(x - y)) for x, y in zip(exact, found, strict=True)) < 2e-14 * size
 
 
+@pytest.mark.full
 def test_forces_that_steps_could_miss_are_met():
     """Such forces make many steps of few, and are rounded by more."""
     directions, numbers = directions_of(HIDING), [4.0, 0.3, 0.6, -4.5, 1.0, 1.0]
@@ -102,6 +103,7 @@ def test_forces_that_steps_could_miss_are_met():
 
 
 @pytest.mark.parametrize("field", FIELDS)
+@pytest.mark.quick(4)
 def test_second_derivatives_are_those_in_many_digits(field):
     directions, numbers = directions_of(field), numbers_for(field, 2.0, 5)
     slopes = np.random.default_rng(6).uniform(-1.0, 1.0, len(numbers)).tolist()

@@ -57,7 +57,7 @@ def after(machine, before, made=1):
 
 @pytest.mark.parametrize("name", MODELS)
 @pytest.mark.parametrize("seed", [0, 1, 3])
-@pytest.mark.quick(len(MODELS))
+@pytest.mark.quick(3)
 def test_every_impact_is_that_of_plain_python(seed, name, compiled):
     """Guards, releases and outcomes are the same; times and states to rounding."""
     simulator = Simulator(MODELS[name]())
@@ -195,7 +195,7 @@ REBOUND, JUMP = {"v": "-.9*v"}, {"x": "s/2", "v": "-.9*v"}
     [("-x**1.5", 1.0, Outcome.UNDEFINED), ("x**3", 30.0, Outcome.RUNAWAY)],
 )
 @pytest.mark.filterwarnings("ignore:invalid value encountered in power:RuntimeWarning")
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 def test_where_a_law_has_no_value_is_told_from_motion_that_runs_away(
     law, velocity, outcome, beside, change, mode, monkeypatch
 ):

@@ -377,6 +377,7 @@ orbits = ["AB"]
     ("w", "s", "r", "word"),
     [(1.3, 0.3, 0.0, "A*B*"), (0.6, 0.1, 0.3, "AB" * 16 + "A*B*"), (0.6, 0.1, 0.6, "ABABABAB")],
 )
+@pytest.mark.quick(1)
 def test_two_that_hit_and_part_at_once_move_as_one(w, s, r, word):
     """Released together, neither hits again, and neither stays; and the word does not change."""
     model = read_scene(tomllib.loads(TWINS)).model.replace(w=w, s=s, r=r)
