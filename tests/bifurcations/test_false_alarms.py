@@ -55,7 +55,7 @@ def test_bodies_that_hit_at_once_all_along_a_branch():
 
 
 @pytest.mark.parametrize("limits", [(2.5, 2.54), (2.515, 2.523)])
-@pytest.mark.quick(1)
+@pytest.mark.full
 def test_an_extremum_that_comes_from_the_next_flight(limits):
     """Beside an unphysical orbit one body turns beyond its stop while the other one hits."""
     values = {"m1": 1, "m2": 1, "c1": 0.1, "c2": 0.05, "k1": 1, "k2": 0.6, "a1": 1, "a2": 0}

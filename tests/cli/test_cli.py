@@ -473,6 +473,7 @@ def test_help(run, arguments):
 
 
 @pytest.mark.parametrize("kind", ["svg", "png", "pdf"])
+@pytest.mark.quick(1)
 def test_plot_to_a_file(run, copied, tmp_path, kind):
     target = tmp_path / f"figure.{kind}"
     before = files_of(copied)

@@ -117,7 +117,7 @@ def forged(**changes):
 
 @pytest.mark.parametrize("notation", ["$\\frac{", "$a$b$", "\\", "x" * 100_000, ESCAPE, "\ud800"])
 @pytest.mark.parametrize("key", ["notation", "label", "kind"])
-@pytest.mark.quick(3)
+@pytest.mark.quick(1)
 def test_texts_of_entries_are_drawn_as_texts(folder, tmp_path, key, notation):
     edited(branch_of(folder), forged(**{key: notation, "ghost": True}))
     edited(branch_of(folder), lambda r: r["events"][0].update(notation="1:1", kind="PD"))

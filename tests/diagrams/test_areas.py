@@ -188,6 +188,7 @@ def test_what_is_on_no_curve_is_said():
     assert "a run says otherwise" in "".join(map(str, told.areas))
 
 
+@pytest.mark.full
 def test_the_catalogue(diagram, tmp_path):
     records = json.loads(catalogue_text(diagram))["areas"]
     assert [record["id"] for record in records] == ["a1", "a2", "a3"]
@@ -207,6 +208,7 @@ def test_a_scene_without_areas_has_none():
     assert not follow(given).areas
 
 
+@pytest.mark.full
 def test_an_orbit_found_twice_is_one(diagram):
     """Its branch followed from two starts, as happens next to a fold."""
     given = around_the_crossing()

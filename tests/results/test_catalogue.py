@@ -248,7 +248,7 @@ def test_catalogue_holds_the_whole_entry(diagram, catalogue):
         assert record | absent == json.loads(json.dumps(dataclasses.asdict(entry)))
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=200, deadline=None)
 @given(
     value=st.recursive(
         st.one_of(st.none(), st.booleans(), st.integers(), st.text(max_size=5), st.floats()),

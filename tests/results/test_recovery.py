@@ -84,6 +84,7 @@ def test_an_entry_gives_its_orbit(diagram):
 
 
 @pytest.mark.parametrize("name", ["FB", "PD", "~G[1:1->2:1]"])
+@pytest.mark.quick(3)
 def test_an_entry_is_continued_to_its_own_branch(diagram, name):
     branch = diagram["b1"]
     entry = next(e for e in branch.events if e.label == name)
@@ -141,6 +142,7 @@ def test_a_row_gives_its_orbit(diagram):
 
 
 @pytest.mark.parametrize("row", [0, 3, 40, -1])
+@pytest.mark.quick(4)
 def test_a_row_is_continued_to_its_own_branch(diagram, row):
     branch = diagram["b2"]
     for start in (branch.orbit(row), (branch, row), (branch, np.int64(row))):

@@ -159,6 +159,7 @@ def test_flights_that_are_compared_with_the_force_are_heyokas_by_compiled_code(
 
 
 @pytest.mark.parametrize("dt", [60.0, -30.0])
+@pytest.mark.quick(1)
 def test_long_flights_differ_from_heyokas_by_what_rounding_grows_to(dt):
     directions, numbers = "dt x0 v0", numbers_for(DUFFING, dt, 3)
     exact = many_digits(CTX).names["flown"](DUFFING, directions, *numbers)

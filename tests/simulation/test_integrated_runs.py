@@ -228,6 +228,7 @@ def test_a_motion_that_meets_no_wall_says_so(compiled):
 
 
 @pytest.mark.parametrize("mode", ["never", "always"])
+@pytest.mark.quick(1)
 def test_a_flow_that_ceases_behind_a_guard_is_cut_there(mode, monkeypatch):
     """Behind its contact the force is singular: windows that reach so far are halved."""
     monkeypatch.setenv("CONTIMPACT_COMPILED", mode)
