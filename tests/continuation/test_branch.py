@@ -135,15 +135,15 @@ def test_a_watched_walk_keeps_no_objects(pair, kernel_cache):
     orbit = next(o for o in find_orbits(pair(), "1:1", parameter="s") if o.physical)
     fine = Settings(step=5e-4, max_step=5e-4, min_step=1e-7, max_points=4000)
 
-    def follow():
+    def follow(limits):
         return continue_orbit(
-            orbit, range=(0.3, 0.45), events=["PD"], settings=fine, callback=lambda point: None
+            orbit, range=limits, events=["PD"], settings=fine, callback=lambda point: None
         )
 
-    follow()
+    follow((0.38, 0.4))
     tracemalloc.start()
     before = tracemalloc.get_traced_memory()[0]
-    branch = follow()
+    branch = follow((0.3, 0.45))
     after, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert len(branch) > 1000
