@@ -8,6 +8,7 @@ import pytest
 import contimpact as ci
 from contimpact.bifurcations.declarations import usual_events
 from contimpact.diagrams.explore import follow
+from contimpact.orbits.search import find_orbits
 from contimpact.results.scene import read_scene
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.two_masses import TwoMasses
@@ -68,7 +69,7 @@ def meeting(low, high):
 
 
 def physical(model, word, starts=32):
-    return next(o for o in ci.find_orbits(model, word, starts=starts, rounds=3) if o.physical)
+    return next(o for o in find_orbits(model, word, starts=starts, rounds=3) if o.physical)
 
 
 @pytest.fixture(scope="module")
@@ -182,7 +183,7 @@ def test_the_order_decides_what_follows_where_resets_do_not_commute():
     model = pair(walls, resets, ["AB"]).model
     found = [
         e
-        for orbit in ci.find_orbits(model, "AB", starts=32, rounds=3)
+        for orbit in find_orbits(model, "AB", starts=32, rounds=3)
         for e in ci.continue_orbit(orbit, range=(1.2, 2.4), events=["T"]).events
     ]
     met = [e for e in found if e.becomes]

@@ -9,6 +9,7 @@ import pytest
 
 import contimpact as ci
 from contimpact.orbits.fitting import read_impacts
+from contimpact.orbits.search import find_orbits
 
 PI = math.pi
 PAIR = ci.ImpactPair(beta=PI / 6, r=0.3, A=5.0, s=0.34)
@@ -19,7 +20,7 @@ TRUTH = {"r": 0.3, "beta": PI / 6}
 
 
 def orbit_of(word, stable=True, model=PAIR):
-    return next(o for o in ci.find_orbits(model, word, parameter="s") if o.stable == stable)
+    return next(o for o in find_orbits(model, word, parameter="s") if o.stable == stable)
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +116,7 @@ def test_two_restitutions_and_a_fixed_clock():
 @pytest.mark.full
 def test_a_period_that_is_fitted():
     """Times of many laps move with the period, and with it the forcing's frequency."""
-    orbit = ci.find_orbits(OSCILLATOR, "1", parameter="omega")[0]
+    orbit = find_orbits(OSCILLATOR, "1", parameter="omega")[0]
     found = ci.fit(OSCILLATOR.replace(omega=2.801), "1", measured(orbit), ["omega", "r"])
     assert found.values == pytest.approx({"omega": 2.8, "r": 0.8, "clock": 0.7}, abs=1e-10)
 
@@ -179,7 +180,7 @@ def test_what_the_data_do_not_determine_is_named(two_one):
 @pytest.mark.full
 def test_a_limit_on_the_way_is_the_reason():
     """Impacts faster than any of these orbits has lead to a limit of r, and no further."""
-    orbit = ci.find_orbits(OSCILLATOR, "1", parameter="r")[0]
+    orbit = find_orbits(OSCILLATOR, "1", parameter="r")[0]
     found = ci.fit(OSCILLATOR, orbit, {"velocity": 3.0 * orbit.velocities}, ["r"])
     assert found.reason.startswith("no minimum was reached: r: ")
     assert min(found.values["r"], 1.0 - found.values["r"]) < 1e-6

@@ -15,7 +15,7 @@ from collections import defaultdict
 import numpy as np
 import pytest
 
-from contimpact import ImpactPair, continue_orbit, find_orbits
+from contimpact import ImpactPair, continue_orbit
 from contimpact import storage as files
 from contimpact.arrays import VECTOR
 from contimpact.bifurcations.kind import test_functions as functions_of
@@ -26,6 +26,7 @@ from contimpact.diagrams.orbit_walks import backend_of, walk_orbits
 from contimpact.errors import InputError
 from contimpact.models.word import parse_word
 from contimpact.orbits.problem import OrbitProblem
+from contimpact.orbits.search import find_orbits
 from contimpact.segments import compiling as module
 from contimpact.segments import machine_code
 from contimpact.segments.kernels import Kernels

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from exact_flights import exact_flight
 
-import contimpact as ci
+from contimpact.orbits.search import find_orbits
 from contimpact.plots.attractors import plot_exponents
 from contimpact.simulation.attractor import Cycle
 from contimpact.simulation.settle import _without_rounding, exponents_of, periodic
@@ -49,7 +49,7 @@ def told(orbit):
 
 def stiff(c):
     """The orbit of one impact that is fastest."""
-    found = ci.find_orbits(Oscillator(**STIFF, c=c), "S", parameter="a")
+    found = find_orbits(Oscillator(**STIFF, c=c), "S", parameter="a")
     return max(found, key=lambda orbit: orbit.velocities[0])
 
 
@@ -104,7 +104,7 @@ def test_exponents_and_their_sum_against_many_digits():
 def masses(c):
     values = {"c1": c, "c2": c, "k1": 1.0, "k2": 0.6, "a1": 2.0 + c, "omega": 1.3}
     model = TwoMasses(**values, sigma_1=0.5, sigma_2=9.0, r=0.8)
-    return ci.find_orbits(model, "A", parameter="c1", starts=16, rounds=1)[0]
+    return find_orbits(model, "A", parameter="c1", starts=16, rounds=1)[0]
 
 
 def monodromy(orbit):
