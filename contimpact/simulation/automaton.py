@@ -318,7 +318,8 @@ class Automaton:
         if hits:
             earliest = min(hit[0] for hit in hits)
             together = [hit for hit in hits if hit[0] <= earliest + TOGETHER * self.period]
-            dt, wall, speed = functools.reduce(_faster, together)
+            _, wall, speed = functools.reduce(_faster, together)
+            dt = max(hit[0] for hit in together)  # the others have then arrived, too
             if released is None or dt < released[0]:
                 section = window.section(self.guards[wall], dt, speed)
                 return dt, State(wall, 0.0, speed, 0, section[1:], held)

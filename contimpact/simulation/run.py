@@ -531,9 +531,10 @@ def make_impacts(
 # each in the largest size of X, and behind these the arrivals at each gap coordinate (time,
 # velocity, side).
 
-TOGETHER, FASTER = 1e-14, 1.0 + 1e-12
+TOGETHER, FASTER = 1e-14, 1.0 + 1e-6
 """Arrivals within this part of a period are at one time; the first guard comes first, unless
-another arrives faster than by rounding, so that a motion that repeats itself has one word."""
+another arrives faster than by rounding, which is a part of slow velocities, so that a motion that
+repeats itself has one word."""
 
 AnyFlights: TypeAlias = Any
 """A system at fixed parameter values, as vectors: `linear_flights.Flights`, or what has the same
@@ -573,18 +574,21 @@ def first_reached(
     flights: AnyFlights, law: int, earliest: float, period: float, space: Vector
 ) -> tuple[int, float, float]:
     """Return guard, time and velocity of the first of the arrivals in scratch space, the fastest of
-    those at one time; -1 for none. The period is in their unit of time."""
+    those at one time; -1 for none. The period is in their unit of time. The time is that of the
+    last of them: the others have then arrived, too, and their guards are reached at once."""
     gaps, hits = flights.sizes[2], 4 * flights.sizes[1]
     if earliest == math.inf:
         return -1, 0.0, 0.0
-    chosen, fastest = -1, -1.0
+    chosen, fastest, latest = -1, -1.0, earliest
     for row in range(gaps):
-        speed = abs(space[hits + 3 * row + 1])
-        if space[hits + 3 * row] <= earliest + TOGETHER * period and speed > FASTER * fastest:
-            chosen, fastest = row, speed
+        time, speed = space[hits + 3 * row], abs(space[hits + 3 * row + 1])
+        if time <= earliest + TOGETHER * period:
+            latest = max(latest, time)
+            if speed > FASTER * fastest:
+                chosen, fastest = row, speed
     at = law * gaps + chosen
     wall = flights.above[at] if space[hits + 3 * chosen + 2] > 0.0 else flights.below[at]
-    return wall, space[hits + 3 * chosen], space[hits + 3 * chosen + 1]
+    return wall, latest, space[hits + 3 * chosen + 1]
 
 
 def section_place(flights: AnyFlights) -> int:
