@@ -493,11 +493,13 @@ class FreeQuietProblem(WithoutForcing, QuietProblem):
         turns = np.nonzero((speeds[:-1] > 0.0) & (speeds[1:] <= 0.0))[0]
         return float(times[turns[0]]) if len(turns) else math.nan
 
-    def moves(self, unknowns: Array) -> bool:
+    def moves(self, unknowns: Array, units: Array) -> bool:
         """Whether an orbit is one from where the first coordinate is largest, run once, and no
-        equilibrium."""
-        span, size = self.span(unknowns), max(1.0, float(np.max(np.abs(self.state(unknowns)))))
-        moving = span > 0.0 and self.turning(unknowns) < -STILL * size
+        equilibrium; one at rest is told in `units` of the state."""
+        span, state = self.span(unknowns), np.abs(self.state(unknowns))
+        size = float(np.max(np.maximum(units, state) / units)) * units[0]
+        rate = units[1] / units[0]
+        moving = span > 0.0 and self.turning(unknowns) < -STILL * size * rate**2
         return moving and self.first_lap(unknowns)[1] is unknowns
 
     def scale(self, unknowns: Array, span: ArrayLike) -> Array:

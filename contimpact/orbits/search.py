@@ -367,6 +367,9 @@ AT_FIRST, QUIET_SIZES = (0.01, 0.1, 1.0), (0.3, 1.0, 3.0, 10.0)
 """Sizes of states from which these motions begin, by the positions of walls, and of others by what
 becomes of them."""
 
+COARSE = 16.0
+"""Units in which starts without a forcing are drawn are powers of this: they have three sizes."""
+
 TURNING_STARTS, TURNING_ITERATIONS = 256, 25
 """Starts and iterations for orbits without impacts whose period is free."""
 
@@ -619,12 +622,13 @@ def _search_turning(problem: FreeQuietProblem, generator: np.random.Generator) -
     largest; those are left out on which nothing moves."""
     free = [problem.model.values[name] for name in problem.kernels.parameters]
     natural = problem.kernels.setup(*problem.model.values.values()).period
+    units = COARSE ** np.round(np.log2(_units_at_rest(problem, free)) / math.log2(COARSE))
     found: list[Orbit] = []
     for trial in range(TURNING_STARTS):
-        state = generator.normal(scale=10.0 ** (trial % 3 - 1), size=problem.m)
+        state = units * generator.normal(scale=10.0 ** (trial % 3 - 1), size=problem.m)
         state[1] = problem.next_turn(state, SPANS[1] * natural)
         here = solve_near(problem, np.append(state, free), TURNING_ITERATIONS)
-        if here is not None and problem.moves(here.unknowns) and _is_regular(here):
+        if here is not None and problem.moves(here.unknowns, units) and _is_regular(here):
             known = [(o.period, *abs(o.multipliers)) for o in found]
             own = (here.span, *abs(here.multipliers))
             if not any(

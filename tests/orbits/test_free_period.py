@@ -522,3 +522,22 @@ def test_the_end_of_a_branch_that_becomes_a_shorter_one_counts_the_laps():
     assert end.images(twice.unknowns, 1e-9) == [EndKind.SHORTER]
     message = end.end(EndKind.SHORTER, SimpleNamespace(unknowns=twice.unknowns, parameter=-0.1))
     assert "became 1, run 4 times, at c = -0.1" in message.message
+
+
+@integrated
+@pytest.mark.full
+def test_a_cycle_is_found_in_other_units():
+    """Van der Pol's, with lengths of 1e-3 and times of 1e-2: starts of size one led nowhere."""
+    length, time = 1e-3, 1e-2
+    table = {
+        "system": "hybrid",
+        "period": 6.0 * time,
+        "parameters": {"m": 1.0, "d": 2.2 * length, "r": 0.8, "L": length, "T": time},
+        "modes": {"free": {"x": "v", "v": "L/T**2*(m*(1 - (x/L)**2)*v*T/L - x/L)"}},
+        "guards": {"S": {"within": "x <= d", "set": {"v": "-r*v"}}},
+    }
+    asked = {"parameter": "m", "range": [0.5, 2.0], "orbits": ["0"]}
+    model = ci.read_scene({"name": "v", "model": table, "follow": asked}).model
+    (orbit,) = ci.find_orbits(model, "0", parameter="m")
+    assert orbit.period == pytest.approx(VAN_DER_POL * time, rel=1e-13)
+    assert orbit.unknowns[0] == pytest.approx(2.00861986087484 * length, rel=1e-13)
