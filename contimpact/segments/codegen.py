@@ -18,11 +18,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import sympy
-from sympy import Add, Dummy, Mul, Pow, S, gcd_terms
-from sympy.core.cache import cacheit
-from sympy.core.mul import _keep_coeff
+from sympy import Add, Mul, Pow, S
 from sympy.printing.pycode import PythonCodePrinter
-from sympy.simplify import cse_opts
 
 from ..errors import InputError
 from ..models.equations import Departure, combine_rows, equations_of, state_symbols
@@ -307,32 +304,6 @@ def print_steps(
     return lines, [printer.doprint(e.xreplace(names)) for e in values]
 
 
-@cacheit
-def take_out_factors(e: Any) -> Any:
-    """The same as `sympy.factor_terms`, which looks at a part as often as it occurs: this does so
-    once, and derivatives have many parts in common."""
-    if e.is_Atom:
-        return e
-    if e.is_Pow or e.is_Function or not hasattr(e, "args_cnc"):
-        arguments = tuple(map(take_out_factors, e.args))
-        return e if arguments == e.args else e.func(*arguments)
-    content, rest = e.as_content_primitive(radical=False, clear=False)
-    parts = list(map(take_out_factors, rest.args))
-    if rest.is_Add:
-        if all(p.as_coeff_Mul()[0].extract_multiplicatively(-1) is not None for p in parts):
-            content, parts = -content, [-p for p in parts]
-        kept = {}
-        for i, (_, exponent) in enumerate([p.as_base_exp() for p in parts]):
-            if exponent.is_Mul and exponent != Mul(*exponent.args):
-                kept[Dummy()] = parts[i]  # a factor in brackets, which would be multiplied out
-                parts[i] = next(reversed(kept))
-        total = Add._from_args(parts)
-        rest = gcd_terms(total, isprimitive=True, clear=False, fraction=False).xreplace(kept)
-    elif parts:
-        rest = rest.func(*parts)
-    return _keep_coeff(content, rest, clear=False, sign=True)
-
-
 def share_steps(expressions: Sequence[Any], letter: str) -> tuple[list[tuple[Any, Any]], list[Any]]:
     """Expressions by the steps that they have in common, named by a letter.
 
@@ -342,7 +313,7 @@ def share_steps(expressions: Sequence[Any], letter: str) -> tuple[list[tuple[Any
     """
     symbols = (primed_symbol(f"{letter}{i}") for i in itertools.count())
     linear = any(e.has(MeanFlow, EndFlow) for e in expressions)
-    factored = [] if linear else [(cse_opts.sub_pre, cse_opts.sub_post), (take_out_factors, None)]
+    factored = None if linear else "basic"
     calls = sorted(set().union(*(e.atoms(Flown) for e in expressions)), key=str)
     given = [e for e in dict.fromkeys(a for call in calls for a in call.args[4:]) if not e.is_Atom]
     held = {e: primed_symbol(f"held{i}") for i, e in enumerate(given)}
