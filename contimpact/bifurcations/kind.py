@@ -333,8 +333,9 @@ class Kind(ABC):
         """As `verdict`, but an orbit counts as unphysical where those of its branch are on both
         sides: what they violate may all vanish at the event. `known` are orbits beside it."""
         found = self.verdict(here, details)
-        of_others = self.changes is not Change.PHYSICALITY or any(o.verdict.physical for o in known)
-        if of_others or not found.physical:
+        if not found.physical or self.changes is not Change.PHYSICALITY:
+            return found
+        if any(orbit.verdict.physical for orbit in known):
             return found
         reasons = []
         for there in orbits_beside(here):

@@ -356,9 +356,9 @@ def _draw_regions(
     found = regions(panel.curves, panel.along, checks)
     rows = lanes(found)
     room = LANE * (max(rows, default=-1) + 1)
-    lowest, highest = (f(float(f(c[panel.along])) for c in panel.curves) for f in (min, max))
     if found and room < 0.5:  # bands stand below the curves
-        below = lowest - room / (1.0 - room) * (highest - lowest)
+        values = np.concatenate([curve[panel.along] for curve in panel.curves])
+        below = values.min() - room / (1.0 - room) * np.ptp(values)
         ax.update_datalim([(panel.curves[0][panel.across][0], below)])
         ax.autoscale_view()
     for region, lane in zip(found, rows, strict=True):

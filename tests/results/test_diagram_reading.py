@@ -12,6 +12,7 @@ from zoo import ROOT, scene_table
 from contimpact.continuation.branch import EndKind
 from contimpact.diagrams.explore import follow
 from contimpact.plots.lines import runs
+from contimpact.results.catalogue import load_diagram
 from contimpact.results.diagram_reading import read, stable_intervals
 from contimpact.results.scene import load_scene, read_scene
 
@@ -167,5 +168,6 @@ def test_orbits_on_both_sides_of_a_pitchfork_are_stable_in_intervals_of_their_ow
         assert (interval.low, interval.high) == (doubling.value, pytest.approx(pitchfork.value))
     (both,) = reading.bistable
     assert both.branches == (pitchfork.opens[0],) * 2
-    assert both.low == pytest.approx(0.3425285956521837, abs=1e-13)
-    assert both.high == pytest.approx(0.4688398785842809, abs=1e-13)
+    declared = {e.kind: e.value for e in load_diagram(BRANCHES / "two_stops").entries}
+    assert both.low == pytest.approx(declared["PD"], abs=1e-13)
+    assert both.high == pytest.approx(declared["BP"], abs=1e-13)
