@@ -322,7 +322,12 @@ def solve_cycle(simulator: Simulator, state: State, impacts: int, period: int) -
 def _natural_sizes(state: State, period: float) -> Array:
     """Of a time and section coordinates: the period, the largest velocity, and for positions what
     it is in a wave of the forcing."""
-    sizes = np.full(1 + len(state.section), np.max(np.abs(state.section[::2])) or 1.0)
+    return natural_sizes(np.array([state.section]), period)
+
+
+def natural_sizes(sections: Array, period: float) -> Array:
+    """The same of the states with these section coordinates, shape (N, m)."""
+    sizes = np.full(1 + sections.shape[1], np.max(np.abs(sections[:, ::2]), initial=0.0) or 1.0)
     sizes[::2] *= period / (2.0 * math.pi)
     sizes[0] = period
     return sizes
@@ -365,7 +370,7 @@ def cycle_near(simulator: Simulator, run: Run, longest: int) -> tuple[Cycle, flo
         return sticking_cycle(simulator, run)
     table, last = _table(run), len(run) - 1
     early = np.arange(max(0, last - longest), last)
-    apart = _states_apart(table[early] - table[last], _sizes(run))
+    apart = states_apart(table[early] - table[last], _sizes(run))
     apart[run.walls[early] != run.walls[last]] = np.inf
     near = early[apart < NEAR][::-1]
     repeating = [back for back in near if repeats(run.walls, int(last - back))]
@@ -395,14 +400,14 @@ def sticking_cycle(simulator: Simulator, run: Run) -> tuple[Cycle, float] | None
         return None
     table, last = _table(run), int(sojourns[-1])
     earlier = sojourns[:-1]
-    apart = _states_apart(table[earlier] - table[last], _sizes(run))
+    apart = states_apart(table[earlier] - table[last], _sizes(run))
     marks = np.column_stack([run.walls, run.held, run.released])
     apart[np.any(marks[earlier] != marks[last], axis=1)] = np.inf
     for first in earlier[apart < NEAR][::-1][:1].tolist():
         rows = run.states()[first : last + 1]
         mus = tuple(mu if abs(mu) > NOTHING else 0j for mu in _multipliers(simulator, rows))
         if abs(mus[0]) < 1.0:
-            miss = float(_states_apart(table[[first]] - table[last], _sizes(run))[0])
+            miss = float(states_apart(table[[first]] - table[last], _sizes(run))[0])
             period = rows[-1].turns - rows[0].turns
             if abs(rows[-1].phase - rows[0].phase) > 0.5 * run.period:
                 period += 1 if rows[-1].phase > rows[0].phase else -1
@@ -439,7 +444,7 @@ def _sizes(run: Run) -> Array:
     return np.concatenate([[run.period], np.where(found > 0.0, found, 1.0)])
 
 
-def _states_apart(difference: Array, sizes: Array) -> Array:
+def states_apart(difference: Array, sizes: Array) -> Array:
     """Distances of rows of a table, phases on the circle."""
     found = difference / sizes
     found[:, 0] -= np.round(found[:, 0])
@@ -448,7 +453,7 @@ def _states_apart(difference: Array, sizes: Array) -> Array:
 
 def _distance(run: Run, cycle: Cycle) -> float:
     """Distance from the run's last impact to a cycle."""
-    apart = _states_apart(_columns(cycle.times, cycle) - _table(run)[-1], _sizes(run))
+    apart = states_apart(_columns(cycle.times, cycle) - _table(run)[-1], _sizes(run))
     return float(np.min(apart[cycle.walls == run.walls[-1]], initial=math.inf))
 
 
@@ -463,7 +468,7 @@ def _repetitions(cycle: Cycle, period: float) -> int:
         same_walls = np.array_equal(np.roll(cycle.walls, -shift), cycle.walls)
         if (
             same_walls
-            and np.max(_states_apart(np.roll(table, -shift, axis=0) - table, sizes)) < 1e-7
+            and np.max(states_apart(np.roll(table, -shift, axis=0) - table, sizes)) < 1e-7
         ):
             return parts
     return 1

@@ -29,6 +29,7 @@ from ..segments.flight import FlightGaps, flight_gaps
 from ..segments.touches import interior_touches
 from .attractor import Attractor, Cycle, Kind, cycle_near, repeats, sticking_cycle
 from .flights import jump_derivative
+from .one_coordinate import OneCoordinate
 from .run import Outcome, Run, State
 from .simulator import Simulator, as_simulator, free_motion, state_after
 
@@ -503,7 +504,7 @@ def _sticking_word(simulator: Simulator, cycle: Cycle) -> str:
     parts: list[list[str]] = []
     for wall, released in zip(cycle.walls, cycle.released, strict=True):
         parts.append([simulator.letters[wall] + ("*" if released else "")])
-    for wall, first, last in _sojourns(cycle):
+    for wall, first, last in sojourns(cycle):
         i = (first - 1) % n
         while i != last and cycle.walls[i] == wall and not cycle.released[i]:
             dropped.add(i)
@@ -515,7 +516,7 @@ def _sticking_word(simulator: Simulator, cycle: Cycle) -> str:
     return "".join(min(rotations))
 
 
-def _sojourns(cycle: Cycle) -> Iterator[tuple[int, int, int]]:
+def sojourns(cycle: Cycle | Attractor) -> Iterator[tuple[int, int, int]]:
     """The wall of each sojourn, and the rows before which it begins and with which it ends."""
     n = len(cycle.walls)
     if not cycle.held.size:
@@ -534,7 +535,7 @@ def _sojourns(cycle: Cycle) -> Iterator[tuple[int, int, int]]:
 
 def _sticking_notation(simulator: Simulator, cycle: Cycle) -> str:
     """Impacts per wall, infinite on walls where they accumulate."""
-    stuck = {wall for wall, _, _ in _sojourns(cycle)}
+    stuck = {wall for wall, _, _ in sojourns(cycle)}
     totals = [int(np.count_nonzero(cycle.walls == k)) for k in range(len(simulator.letters))]
     p = cycle.period
     finite = [total for k, total in enumerate(totals) if k not in stuck]
@@ -681,8 +682,10 @@ def _attractor_of_end(simulator: Simulator, run: Run) -> Attractor:
     if run.left is not None:
         mode = simulator.model.WALLS[run.left.wall].next_mode
         return without_impact(simulator, mode, run.left)
-    kind = _ENDS[run.outcome]
-    return Attractor(kind, simulator.parameters, kind.value, simulator.period, state=run.end)
+    kind, state = _ENDS[run.outcome], run.end
+    if kind is Kind.RESTING and state and not isinstance(simulator.machine, OneCoordinate):
+        state = replace(state, held=simulator.machine.leave(state)[1])
+    return Attractor(kind, simulator.parameters, kind.value, simulator.period, state=state)
 
 
 def without_impact(simulator: Simulator, mode: str = "", left: State | None = None) -> Attractor:

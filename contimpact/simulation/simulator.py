@@ -526,8 +526,9 @@ def _rows(*columns: Any) -> Array:
 CONTRACTS = 1.0 - 1e-9
 """A map contracts if its multipliers are below this; undamped they are one within rounding."""
 
-REPEATED = 1e-9
-"""A motion that differs by less from one period to the next has settled, by its size."""
+REPEATED, ROUNDED = 1e-9, 1e-13
+"""A motion that differs by less from one period to the next has settled, by its size; below this
+part of the place of the wall that it has left, it is rounding."""
 
 
 def free_motion(
@@ -582,15 +583,24 @@ def _repeating_motion(simulator: Simulator, left: State) -> tuple[float, ...] | 
         simulator.kernels.motion(simulator.letters[left.wall]),
     )
     place, (by,) = simulator.positions[left.wall], guard.row(1)
-    ends = []
+    ends: list[list[float]] = []
     for periods in (simulator.longest_flight - 1, simulator.longest_flight):
         dt = periods * simulator.period - left.phase
         try:
             moved, speed = kernel(left.phase, left.velocity, dt, *simulator.values)[:2]
         except ArithmeticError:
             return None
-        ends.append(np.array([(place + moved) / by, speed / by], dtype=float))
-    apart = float(np.max(np.abs(ends[1] - ends[0])))
-    if not apart <= REPEATED * (1.0 + float(np.max(np.abs(ends[1])))):
+        ends.append([float((place + moved) / by), float(speed / by)])
+    places, rounding = natural_places(ends, simulator.period), ROUNDED * abs(place / by)
+    apart, size = float(np.max(np.abs(places[1] - places[0]))), float(np.max(np.abs(places[1])))
+    if not apart <= max(REPEATED * size, rounding):
         return None
-    return tuple(ends[1].tolist())
+    return tuple(np.where(np.abs(places[1]) > rounding, ends[1], 0.0).tolist())
+
+
+def natural_places(motions: Sequence[Sequence[float]], period: float) -> Array:
+    """Return rows of positions and velocities in turn, in one unit: a velocity as the position that
+    it is in a wave of the forcing."""
+    found = np.array(motions, dtype=float)
+    found[:, 1::2] *= period / (2.0 * math.pi)
+    return found

@@ -28,13 +28,14 @@ from ..results.diagram import Diagram
 from ..results.options import SETTLING, Settling
 from ..schema import build_record
 from ..segments.kernels import Kernels
-from .attractor import OTHER, Attractor, Kind, distances_between
+from .attractor import OTHER, Attractor, Kind, distances_between, natural_sizes, states_apart
 from .run import Outcome, Run, State
-from .settle import require_attractors, settle
-from .simulator import Batch, Simulator, as_simulator
+from .settle import require_attractors, settle, sojourns
+from .simulator import Batch, Simulator, as_simulator, natural_places
 
 SAME = 1e-6
-"""Periodic attractors whose velocities and phases differ by less are one."""
+"""Periodic attractors whose phases differ by less, and velocities by less than this part of the
+largest, are one."""
 APART = 0.03
 """Complex motions whose impacts are on average further from each other's, both ways, are two:
 distances of phases in periods, of velocities in parts of the largest. Those of two runs of one
@@ -281,29 +282,41 @@ def same_attractor(one: Attractor, other: Attractor, tolerance: float = SAME) ->
     """Whether two attractors at the same parameter values are one.
 
     Complex ones are compared as sets of impacts: runs that each visit another part of one attractor
-    count as two.
+    count as two. Those that stick are compared where they leave a wall, those that rest by what
+    they rest on.
     """
     if one.label != other.label:
         return False
     if one.motion is not None and other.motion is not None:
-        sizes = 1.0 + np.max(np.abs(one.motion))
-        return bool(np.max(np.abs(np.subtract(one.motion, other.motion))) < tolerance * sizes)
+        places = natural_places([one.motion, other.motion], one.forcing_period)
+        return bool(np.max(np.abs(places[0] - places[1])) <= tolerance * np.max(np.abs(places)))
     if one.kind is Kind.COMPLEX:
         return min(distances_between(one, other)) < APART
-    if one.kind is not Kind.PERIODIC:
+    if one.kind is Kind.RESTING:
+        ends = [(a.state.held or 1 << a.state.wall) if a.state else 0 for a in (one, other)]
+        return ends[0] == ends[1]
+    if one.kind not in (Kind.PERIODIC, Kind.STICKING):
         return True
-    T = one.forcing_period
-    for shift in range(len(one.walls)):
-        columns = (other.walls, other.times, other.velocities, other.others)
-        walls, times, speeds, others = (np.roll(column, -shift, axis=0) for column in columns)
-        if not np.array_equal(walls, one.walls):
-            continue
-        phases = (times - one.times) / T
-        apart = [np.abs(phases - np.round(phases)), np.abs(speeds - one.velocities)]
-        apart.append(np.abs(others - one.others))
-        if max(np.max(part, initial=0.0) for part in apart) < tolerance:
-            return True
+    (walls, mine), (met, theirs) = _marks(one), _marks(other)
+    if len(walls) != len(met):
+        return False
+    sizes = natural_sizes(np.concatenate([mine, theirs])[:, 1:], one.forcing_period)
+    for shift in range(len(met)):
+        if np.array_equal(np.roll(met, -shift), walls):
+            apart = states_apart(np.roll(theirs, -shift, axis=0) - mine, sizes)
+            if np.max(apart) < tolerance:
+                return True
     return False
+
+
+def _marks(attractor: Attractor) -> tuple[Array, Array]:
+    """Walls and states that tell an attractor from others of its word: all impacts, or where
+    sojourns end."""
+    table = np.column_stack([attractor.times, attractor.velocities, *attractor.others.T])
+    if attractor.kind is Kind.PERIODIC:
+        return attractor.walls, table
+    ends = sorted({last for _, _, last in sojourns(attractor)})
+    return attractor.walls[ends], table[ends]
 
 
 @explain_arguments
@@ -649,10 +662,7 @@ def _reached(
         return none
     columns = [attractor.times, attractor.velocities]
     mine = np.column_stack([*columns, attractor.others] if several else columns)
-    sizes = np.ones(mine.shape[1])
-    if several:
-        sizes = np.maximum(np.max(np.abs(mine), axis=0), 1e-300)
-    sizes[0] = attractor.forcing_period
+    sizes = natural_sizes(mine[:, 1:], attractor.forcing_period)
     theirs = np.column_stack([batch.phases[chosen], batch.sections[chosen]])
     apart = (mine - theirs[:, None]) / sizes
     apart[:, :, 0] -= np.round(apart[:, :, 0])
@@ -665,9 +675,9 @@ def _reached(
 def _is_released_as(attractor: Attractor, run: Run) -> bool:
     """Whether the last release of a run is one of a sticking attractor."""
     mine = attractor.times[attractor.released] % attractor.forcing_period
-    walls = attractor.walls[attractor.released]
+    walls, near = attractor.walls[attractor.released], REACHED * attractor.forcing_period
     return any(
-        bool(np.any((walls == run.walls[row]) & (abs(mine - run.phases[row]) < REACHED)))
+        bool(np.any((walls == run.walls[row]) & (abs(mine - run.phases[row]) < near)))
         for row in np.nonzero(run.released)[0][-1:]
     )
 

@@ -23,6 +23,9 @@ from contimpact.simulation.sweep import (
     sweep,
     sweep_rows,
 )
+from contimpact.systems.duffing import Duffing
+from contimpact.systems.impact_pair import ImpactPair
+from contimpact.systems.two_stops import TwoStops
 
 pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
 
@@ -323,6 +326,36 @@ def test_attractors_are_the_same_up_to_whole_periods(settled):
     )
     assert same_attractor(one, shifted)
     assert not same_attractor(one, settled(d=0.2335))
+
+
+def test_motions_that_stick_alike_are_told_apart_by_their_releases():
+    """The acceleration turns away twice a period; each release leads to itself. Half of the
+    starts do so by the phases at which `settle` finds them released."""
+    wave = {"forcing": "-sin(pi*t) - b*sin(2*pi*t + p)", "b": 2.69, "p": 2.77}
+    model = ImpactPair(beta=math.asin(0.452), r=0.02, A=1.0, s=50.0, **wave)
+    found = basins(model, shape=(4, 8), settling=QUICK)
+    assert [a.notation for a in found.attractors] == ["inf:0", "inf:0"]
+    phases = [float(a.times[a.released][0]) / 2 % 1 for a in found.attractors]
+    assert sorted(phases) == pytest.approx([0.266, 0.825], abs=2e-3)
+    assert found.shares == [0.5, 0.5]
+
+
+def test_bodies_at_rest_on_two_walls_are_two_attractors():
+    """A spring of negative stiffness presses them against either stop."""
+    model = TwoStops(a=0.1, omega=1.0, c=0.1, k=-1.0, sigma=0.5, r=0.5)
+    found = find_attractors(model, 8, settling=QUICK)
+    assert [a.notation for a in found] == ["resting", "resting"]
+
+
+@pytest.mark.parametrize(("length", "time"), [(1e-8, 1.0), (1e9, 1e-6)])
+def test_attractors_are_counted_alike_in_all_units(length, time):
+    """Two wells before the stop; one orbit if that stands between them."""
+    rate, stiff = 0.2 / time, 1.0 / time**2
+    given = {"omega": 1.2 / time, "c": rate, "alpha": -stiff, "beta": stiff / length**2, "r": 0.8}
+    wells = Duffing(a=0.02 * stiff * length, sigma=1.5 * length, **given)
+    assert [a.notation for a in find_attractors(wells, 8)] == ["no impact"] * 2
+    between = Duffing(a=0.3 * stiff * length, sigma=0.0, **given)
+    assert [a.notation for a in find_attractors(between, 8)] == ["1"]
 
 
 def test_an_attractor_of_several_periods_goes_on_from_its_state(settled, pair, kernels_of):
