@@ -598,7 +598,7 @@ def _repeating_motion(simulator: Simulator, left: State) -> tuple[float, ...] | 
     return tuple(np.where(np.abs(places[1]) > rounding, ends[1], 0.0).tolist())
 
 
-def natural_places(motions: Sequence[Sequence[float]], period: float) -> Array:
+def natural_places(motions: Sequence[Sequence[float]] | Array, period: float) -> Array:
     """Return rows of positions and velocities in turn, in one unit: a velocity as the position that
     it is in a wave of the forcing."""
     found = np.array(motions, dtype=float)

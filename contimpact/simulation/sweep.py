@@ -312,11 +312,15 @@ def same_attractor(one: Attractor, other: Attractor, tolerance: float = SAME) ->
 def _marks(attractor: Attractor) -> tuple[Array, Array]:
     """Walls and states that tell an attractor from others of its word: all impacts, or where
     sojourns end."""
-    table = np.column_stack([attractor.times, attractor.velocities, *attractor.others.T])
-    if attractor.kind is Kind.PERIODIC:
-        return attractor.walls, table
-    ends = sorted({last for _, _, last in sojourns(attractor)})
-    return attractor.walls[ends], table[ends]
+    rows: Any = slice(None)
+    if attractor.kind is Kind.STICKING:
+        rows = sorted({last for _, _, last in sojourns(attractor)})
+    return attractor.walls[rows], _table(attractor)[rows]
+
+
+def _table(attractor: Attractor) -> Array:
+    """Times and section coordinates of impacts."""
+    return np.column_stack([attractor.times, attractor.velocities, *attractor.others.T])
 
 
 @explain_arguments
@@ -660,8 +664,7 @@ def _reached(
     several = bool(attractor.held.size)
     if attractor.period is None or not (several or attractor.kind is Kind.PERIODIC):
         return none
-    columns = [attractor.times, attractor.velocities]
-    mine = np.column_stack([*columns, attractor.others] if several else columns)
+    mine = _table(attractor)
     sizes = natural_sizes(mine[:, 1:], attractor.forcing_period)
     theirs = np.column_stack([batch.phases[chosen], batch.sections[chosen]])
     apart = (mine - theirs[:, None]) / sizes
@@ -688,8 +691,9 @@ def _is_released_as(attractor: Attractor, run: Run) -> bool:
 # attractor's parameter value from the neighbouring points, its velocities and phases. The branch
 # says what it is; the simulation, which shares no solver with it, says that it is there.
 
-MATCH = 1e-7
-"""An attractor whose velocities and phases are this near to a branch's orbit lies on it."""
+MATCH, STILL = 1e-7, 1e-6
+"""An attractor this near to a branch's orbit lies on it: in phase, and in parts of the largest
+velocity; a motion without impacts counts as no smaller than this part of the walls' places."""
 
 
 @dataclass(frozen=True)
@@ -788,9 +792,13 @@ def _match_of_motion(row: Row, sweep: Sweep, diagram: Diagram, kernels: Kernels)
         return None
     for branch in (b for b in diagram.branches if not b.word and b.period == 1):
         for orbit in orbits_on(branch, sweep, row.value, kernels):
-            apart = np.abs(orbit.unknowns[: orbit.problem.m] - attractor.motion)
+            pair = np.array([orbit.unknowns[: orbit.problem.m], attractor.motion])
+            mine, theirs = natural_places(pair, attractor.forcing_period)
+            walls = kernels.setup(*orbit.model.values.values()).walls
+            size = max(float(np.max(np.abs(theirs))), STILL * max(map(abs, map(float, walls))))
+            distance = float(np.max(np.abs(mine - theirs))) / (size or 1.0)
             kind = (attractor.notation, "0", 1)
-            found.append(Match(row.direction, row.value, *kind, branch.id, float(np.max(apart))))
+            found.append(Match(row.direction, row.value, *kind, branch.id, distance))
     near = [match for match in found if match.distance < MATCH]
     return min(near, key=lambda match: match.distance, default=None)
 
@@ -837,26 +845,20 @@ def begins_with(orbit: Orbit, word: Word, first: tuple[float, float]) -> bool:
     walls, period = orbit.word.walls, orbit.period / orbit.word.period
     for k in range(len(walls)):
         if walls[k:] + walls[:k] == word.walls:
-            apart = (orbit.times[k] - first[0]) / period, orbit.velocities[k] - first[1]
+            largest = float(np.max(np.abs(orbit.velocities))) or 1.0
+            apart = (orbit.times[k] - first[0]) / period, (orbit.velocities[k] - first[1]) / largest
             if max(abs(apart[0] - round(apart[0])), abs(apart[1])) < MATCH:
                 return True
     return False
 
 
 def _distance(attractor: Attractor, word: str, orbit: Array) -> float:
-    """Largest difference in phase (in periods) or coordinate, over the rotations of the word."""
-    letters = attractor.word or ""
-    best = math.inf
-    for shift in range(len(word)):
-        if word[shift:] + word[:shift] != letters:
-            continue
-        times, speeds, *others = np.roll(orbit, -shift, axis=0).T
-        phases = (times - attractor.times) / attractor.forcing_period
-        apart = [np.abs(phases - np.round(phases)), np.abs(speeds - attractor.velocities)]
-        pairs = zip(others, attractor.others.T, strict=False)
-        apart += [np.abs(one - other) for one, other in pairs]
-        best = min(best, float(max(np.max(part) for part in apart)))
-    return best
+    """Largest difference in natural sizes, the least over the rotations of the word."""
+    letters, table = attractor.word or "", _table(attractor)
+    sizes = natural_sizes(table[:, 1:], attractor.forcing_period)
+    shifts = [k for k in range(len(word)) if word[k:] + word[:k] == letters]
+    apart = [states_apart(np.roll(orbit, -k, axis=0) - table, sizes) for k in shifts]
+    return min((float(np.max(each)) for each in apart), default=math.inf)
 
 
 def _uncovered_groups(rows: Sequence[Row], sweep: Sweep) -> list[UncoveredGroup]:

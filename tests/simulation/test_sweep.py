@@ -8,7 +8,9 @@ import math
 import numpy as np
 import pytest
 
+from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits
+from contimpact.results.diagram import Diagram
 from contimpact.results.options import SETTLING, Settling
 from contimpact.simulation.attractor import Attractor, Kind, solve_cycle
 from contimpact.simulation.run import State
@@ -17,7 +19,9 @@ from contimpact.simulation.simulator import Simulator
 from contimpact.simulation.sweep import (
     Row,
     Simulators,
+    Sweep,
     basins,
+    cover,
     find_attractors,
     same_attractor,
     sweep,
@@ -353,7 +357,13 @@ def test_attractors_are_counted_alike_in_all_units(length, time):
     rate, stiff = 0.2 / time, 1.0 / time**2
     given = {"omega": 1.2 / time, "c": rate, "alpha": -stiff, "beta": stiff / length**2, "r": 0.8}
     wells = Duffing(a=0.02 * stiff * length, sigma=1.5 * length, **given)
-    assert [a.notation for a in find_attractors(wells, 8)] == ["no impact"] * 2
+    found = find_attractors(wells, 8)
+    assert [a.notation for a in found] == ["no impact"] * 2
+    upper = max(find_orbits(wells, "0", parameter="omega"), key=lambda orbit: orbit.unknowns[0])
+    followed = continue_orbit(upper, "omega", range=(1.1 / time, 1.3 / time), events=[])
+    rows = [Row("up", wells.values["omega"], attractor) for attractor in found]
+    covered = cover(Sweep(wells, "omega", rows), Diagram("upper well", [followed]))
+    assert (len(covered.matches), covered.uncovered[0].count) == (1, 1)
     between = Duffing(a=0.3 * stiff * length, sigma=0.0, **given)
     assert [a.notation for a in find_attractors(between, 8)] == ["1"]
 
