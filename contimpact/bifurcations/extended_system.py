@@ -414,7 +414,7 @@ def null_vectors(here: Linearisation, mu: float) -> tuple[Array, Array]:
     vanish along a curve of such matrices.
     """
     left, right = here.singular_vectors(here.cyclic(mu)[:, : here.problem.n])
-    sign = np.sign(np.linalg.det(left) * np.linalg.det(right))
+    sign = np.linalg.slogdet(left)[0] * np.linalg.slogdet(right)[0]
     return sign * unit_vector(left[-1]), unit_vector(right[-1])
 
 

@@ -10,6 +10,7 @@ import pytest
 
 import contimpact as ci
 from contimpact.bifurcations.crisis import Connected, Connection
+from contimpact.bifurcations.extended_system import null_vectors
 from contimpact.bifurcations.kind import kind_of
 from contimpact.bifurcations.kind import test_functions as make_tests
 from contimpact.bifurcations.sliding import near_touches
@@ -29,6 +30,7 @@ from contimpact.segments.kernels import Kernels
 from contimpact.simulation.attractor import Kind
 from contimpact.simulation.settle import Settling, settle
 from contimpact.simulation.simulator import Simulator
+from contimpact.systems.bouncing_ball import BouncingBall
 from contimpact.systems.duffing import Duffing
 
 pytest.importorskip("heyoka", reason="needs contimpact[ode]")
@@ -341,3 +343,13 @@ def test_motions_of_two_masses_settle_in_any_units(length, time):
     assert found.velocities == pytest.approx(orbit.velocities, rel=1e-12)
     moduli = np.sort(np.abs(found.multipliers))
     assert moduli == pytest.approx(np.sort(np.abs(orbit.multipliers)), rel=1e-7)
+
+
+@pytest.mark.parametrize("length", [1e-9, 1e9])
+def test_null_vectors_of_long_words_have_an_orientation(length):
+    """Determinants of 40 flights overflow in such units, and vectors of no length came of it."""
+    ball = BouncingBall(a=0.0055 * length, omega=50.0, r=0.5, g=9.8 * length)
+    problem = OrbitProblem(ball, Word("P" * 40, 40), Kernels(ball, "a"))
+    impacts = [(0.0146 + k * np.pi / 25.0, -0.821 * length) for k in range(40)]
+    here = problem.evaluate(np.array([*np.ravel(impacts), 0.0055 * length]))
+    assert list(map(np.linalg.norm, null_vectors(here, -1.0))) == pytest.approx([1.0, 1.0])
