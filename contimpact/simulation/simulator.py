@@ -30,7 +30,7 @@ from ..segments.compiling import cores
 from ..segments.kernels import Kernels
 from .flights import LinearMotion
 from .one_coordinate import OneCoordinate
-from .run import DONE, LEFT, OUTCOMES, Call, Outcome, Run, State, states_of
+from .run import DONE, LEFT, OUTCOMES, Call, Outcome, PassageRule, Run, State, states_of
 
 if TYPE_CHECKING:
     from .automaton import Automaton
@@ -60,6 +60,8 @@ class Simulator(ParameterItems):
     ----------
     machine : OneCoordinate or Automaton
         What makes the impacts.
+    met : PassageRule
+        Returns a state at the guard that is met, of two on one surface.
     """
 
     def __init__(
@@ -87,6 +89,7 @@ class Simulator(ParameterItems):
             found, asked = f"{error} at low velocity", "give laws and resets of finite motions"
             raise InputError("model", found, asked) from None
         self.restitution = self.machine.restitution
+        self.met = PassageRule(self.kernels, self.values, self.positions)
 
     def __repr__(self) -> str:
         return f"Simulator({self.model!r})"
@@ -217,7 +220,7 @@ class Simulator(ParameterItems):
         ----------
         generator : None, int or numpy.random.Generator, default 0
         """
-        return self.machine.random(np.random.default_rng(generator))
+        return self.met(self.machine.random(np.random.default_rng(generator)))
 
     @property
     def fastest(self) -> float:

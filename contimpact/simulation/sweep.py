@@ -537,7 +537,7 @@ def basins(
     labels = np.full(shape, -1)
     others = _other_coordinates(simulator, letter, known)
     states = [
-        simulator.state(letter, phase, velocity, others)
+        simulator.met(simulator.state(letter, phase, velocity, others))
         for velocity in velocities.tolist()
         for phase in phases.tolist()
     ]

@@ -159,6 +159,13 @@ def test_simulation_stops_where_the_body_does_not_stick():
     assert run.outcome is Outcome.BEYOND
 
 
+def test_starts_are_at_the_guard_that_friction_allows():
+    """Half of the rates at which slip ends are too fast to stick: the body goes through."""
+    found = ci.basins(Belt(**VALUES), shape=(4, 4), fastest=4.0 * VALUES["mu_0"])
+    assert [attractor.notation for attractor in found.attractors] == ["SP"]
+    assert [a.notation for a in ci.find_attractors(Belt(**VALUES), 12)] == ["SP"]
+
+
 def test_slip_ahead_of_the_belt_mirrors_slip_behind_it(orbit):
     """x -> -x, V -> -V, half a period later."""
     (other,) = ci.find_orbits(Belt(**VALUES | {"V": -0.3}), "AB", parameter="V")
