@@ -32,7 +32,7 @@ from ..results.scene import Scene
 from ..segments.kernels import Kernels
 from ..simulation.attractor import Attractor, Kind
 from ..simulation.sweep import Row, Simulators, Sweep, orbits_on, sweep
-from ..simulation.transitions import all_changes, locate
+from ..simulation.transitions import locate, neighbours
 from ..storage import Json, json_text
 from .connection_paths import is_physical
 from .crisis_location import (
@@ -100,7 +100,7 @@ def find_ends(
 ) -> list[Crisis | NoCrisis]:
     """Find what ends complex motion along a sweep."""
     found: list[Crisis | NoCrisis] = []
-    for before, after in all_changes(sweep):
+    for before, after in neighbours(sweep):
         if before.attractor.kind is not Kind.COMPLEX or after.attractor.kind is Kind.COMPLEX:
             continue
         orbits = _unstable_on(diagram, sweep, before.value, kernels)

@@ -12,7 +12,7 @@ import re
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -231,17 +231,19 @@ class _Director:
 
     # What follows from them.
 
+    @cached_property
     def changes(self) -> list[tuple[Row, Row]]:
         """The neighbouring rows between which transitions are to be located."""
         asked = self.options.transitions
-        pairs = all_changes(self.result.sweep) if asked else []
+        about = self.result.sweep, self.simulators, self.options.settling
+        pairs = all_changes(*about) if asked else []
         if isinstance(asked, bool):
             return pairs
         return [pair for pair in pairs if {row.attractor.period for row in pair} & {*asked}]
 
     def swept(self) -> None:
         """Show the sweeps, unless all transitions are known."""
-        left = [pair for pair in self.changes() if _key_of(pair) not in self.kept.changes]
+        left = [pair for pair in self.changes if _key_of(pair) not in self.kept.changes]
         if left and self.show is not None:
             self.result.interrupted = "transitions"  # if nothing follows
             self.result.stopped = f"transitions: 0 of {len(left)}"
@@ -258,7 +260,7 @@ class _Director:
 
     def transitions(self) -> None:
         sweep, diagram = self.result.sweep, self.result.diagram
-        pairs = self.changes()
+        pairs = self.changes
         clock = _Clock("transitions", len(pairs), self.progress, self.seconds_each())
         simulators = _ReportedSimulators(self.simulators, clock)
         for before, after in pairs:

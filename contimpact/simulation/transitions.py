@@ -12,15 +12,19 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from ..errors import explain_arguments
-from ..models.word import is_rotation
+from ..models.word import Word, is_rotation
+from ..orbits.quiet import problem_of
+from ..orbits.search import solve_near
 from ..results.branch import Entry
 from ..results.diagram import Diagram
 from ..results.options import SETTLING, Settling
 from ..schema import build_record
-from .attractor import Attractor, Kind
+from .attractor import Attractor, Kind, solve_cycle
 from .settle import settle_again
-from .sweep import Row, Simulators, Sweep
+from .sweep import Row, Simulators, Sweep, same_attractor
 
 # Where an attractor ends between two values of a sweep.
 #
@@ -29,6 +33,9 @@ from .sweep import Row, Simulators, Sweep
 
 EVALUATIONS = 120
 """Values tried for one change at most."""
+SMALLEST, STEPS = 1.0 / 64.0, 8
+"""Part of half a step of the sweep in which an attractor is followed, if need be, to the next row
+of its word; steps for a motion without impacts."""
 SLOW = 0.95
 """Motions settle slowly if a multiplier is larger than this."""
 PATIENCE = 16
@@ -61,7 +68,7 @@ def locate(
         row = _row(simulators, left, left.value + step, patient)
         if row is None:
             return earlier, left, None, after
-        if row.attractor.label == left.attractor.label:
+        if goes_on(simulators, left, row, settling):
             earlier, left, won = left, row, won + 1
             if (furthest - left.value) * step <= 0.0:
                 return earlier, left, lost, None
@@ -79,6 +86,67 @@ def locate(
     if not _is_ahead(lost, left, step):
         return earlier, left, lost, None
     return earlier, left, lost, _settled_row(simulators, left, lost, furthest, width, settling)
+
+
+def goes_on(simulators: Simulators, before: Row, after: Row, settling: Settling) -> bool:
+    """Whether an attractor is the one before it, at a neighbouring value, by what they are.
+
+    Where a periodic one moves to is solved for; of others that may coexist with their like, the
+    motion has to lead back. Complex motions are not told apart here.
+    """
+    one, other = before.attractor, after.attractor
+    if one.label != other.label:
+        return False
+    if one.kind is Kind.PERIODIC and one.state and one.period:
+        solved = solve_cycle(simulators.at(after.value), one.state, len(one.walls), one.period)
+        moved = solved and replace(other, **(vars(solved) | {"multipliers": other.multipliers}))
+        return bool(moved and same_attractor(moved, other))
+    if one.kind is Kind.NO_IMPACT:
+        return _motion_goes_on(simulators, before, after)
+    if one.kind is not Kind.STICKING:
+        return True
+    back = settle_again(simulators.at(before.value), other, settling)
+    return back is None or same_attractor(back, one)
+
+
+def _motion_goes_on(simulators: Simulators, before: Row, after: Row) -> bool:
+    """Of motions without impacts; linear ones have none beside them, and of other modes than the
+    first no orbit can be solved for."""
+    one, other, modes = before.attractor, after.attractor, simulators.model.MODES
+    there = simulators.at(after.value)
+    if one.motion is None or other.motion is None:
+        return True
+    if one.mode not in ("", *(mode.name for mode in modes[:1])):
+        return True
+    if there.machine.law_in(one.mode) is not None:
+        return True
+    at = np.append(one.motion, before.value)
+    for value in np.linspace(before.value, after.value, STEPS + 1)[1:].tolist():
+        model = simulators.model.replace(**{simulators.parameter: value})
+        at[-1] = value
+        moved = solve_near(problem_of(model, Word("", 1), simulators.kernels), at)
+        if moved is None:
+            return False
+        at = moved.unknowns
+    return same_attractor(replace(other, motion=tuple(at[:-1].tolist())), other)
+
+
+def leads_to(simulators: Simulators, before: Row, after: Row, settling: Settling) -> bool:
+    """Whether an attractor, followed in steps as small as need be, is that of the second row."""
+    if goes_on(simulators, before, after, settling):
+        return True
+    left, step = before, 0.5 * (after.value - before.value)
+    least = SMALLEST * abs(step)
+    while before.attractor.label == after.attractor.label and abs(step) > least:
+        near = abs(after.value - left.value) <= abs(step) * (1.0 + 1e-9)
+        row = _row(simulators, left, after.value if near else left.value + step, settling)
+        if row is None or not goes_on(simulators, left, row, settling):
+            step *= 0.5
+        elif near:
+            return same_attractor(row.attractor, after.attractor)
+        else:
+            left = row
+    return False
 
 
 def _waiting_time(
@@ -131,6 +199,8 @@ def _row(simulators: Simulators, before: Row, value: float, settling: Settling) 
 
 REACH = 3.0
 """Steps beyond the bracket within which the line of a quantity has to vanish to tell the kind."""
+BESIDE = 0.1
+"""An orbit of the same word this near goes on beside the one that ends."""
 CLOSE = 0.1
 """A multiplier this near to 1 or -1, or a gap this small by the largest velocity, tells it."""
 
@@ -253,6 +323,8 @@ def _kind(before: Row, after: Row, earlier: Row | None) -> tuple[str | None, str
         return None, seen
     if critical.kind == "PD":
         return None, f"{seen}, but no doubled orbit follows"
+    if same_attractor(one, other, BESIDE):
+        return None, f"{seen}, but an orbit beside it follows, as where a symmetry breaks"
     longer = (one.period or 1) > 1 and other.period == 1 and other.rate > one.rate
     return ("PD_G" if longer else critical.kind), seen
 
@@ -350,13 +422,6 @@ EXPLAINED = 1e-5
 """An entry explains a transition if it is this near to it, in parts of the range swept."""
 
 
-def changes(rows: Sequence[Row]) -> Iterator[tuple[Row, Row]]:
-    """Yield the neighbouring rows of one sweep between which the attractor changes."""
-    for before, after in itertools.pairwise(rows):
-        if before.attractor.label != after.attractor.label:
-            yield before, after
-
-
 @explain_arguments
 def find_transitions(
     sweep: Sweep,
@@ -385,16 +450,25 @@ def find_transitions(
     simulators = simulators or Simulators(sweep.model, sweep.parameter)
     found = [
         transition
-        for before, after in all_changes(sweep)
+        for before, after in all_changes(sweep, simulators, settling)
         for transition in transitions_between(simulators, before, after, width, settling)
     ]
     return [explain_transition(t, diagram, sweep) if diagram else t for t in found]
 
 
-def all_changes(sweep: Sweep) -> list[tuple[Row, Row]]:
-    """Return the neighbouring rows of all sweeps between which the attractor changes."""
-    ways = [way for way in sweep.directions if way != "random"]
-    return [pair for way in ways for pair in changes(sweep.of(way))]
+def all_changes(
+    sweep: Sweep, simulators: Simulators, settling: Settling = SETTLING
+) -> list[tuple[Row, Row]]:
+    """Return the neighbouring rows of all sweeps between which the attractor changes, also to
+    another one of its word."""
+    return [pair for pair in neighbours(sweep) if not leads_to(simulators, *pair, settling)]
+
+
+def neighbours(sweep: Sweep) -> Iterator[tuple[Row, Row]]:
+    """Yield the neighbouring rows of all sweeps."""
+    for way in sweep.directions:
+        if way != "random":
+            yield from itertools.pairwise(sweep.of(way))
 
 
 def transitions_between(
@@ -418,7 +492,7 @@ def transitions_between(
         if lost is None:
             yield _not_followed(left, after)
             return
-        if right.attractor.label != left.attractor.label:
+        if not leads_to(simulators, left, right, settling):
             yield replace(name(left, right, earlier), wide=_width_reason(left, lost, right, width))
         if right.attractor.label == after.attractor.label:
             return

@@ -354,6 +354,7 @@ def test_bodies_at_rest_on_two_walls_are_two_attractors():
 @pytest.mark.parametrize(("length", "time"), [(1e-8, 1.0), (1e9, 1e-6)])
 def test_attractors_are_counted_alike_in_all_units(length, time):
     """Two wells before the stop; one orbit if that stands between them."""
+    pytest.importorskip("heyoka")
     rate, stiff = 0.2 / time, 1.0 / time**2
     given = {"omega": 1.2 / time, "c": rate, "alpha": -stiff, "beta": stiff / length**2, "r": 0.8}
     wells = Duffing(a=0.02 * stiff * length, sigma=1.5 * length, **given)

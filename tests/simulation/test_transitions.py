@@ -25,6 +25,7 @@ from contimpact.simulation.transitions import (
     name,
     transitions_between,
 )
+from contimpact.systems.duffing import Duffing
 from contimpact.systems.impact_pair import ImpactPair
 
 pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
@@ -297,3 +298,24 @@ def test_records_without_evidence_can_be_read(ending):
     del record["evidence"], record["wide"]
     found = Transition.from_record(record)
     assert (found.evidence, found.wide) == ("", None)
+
+
+def test_a_symmetry_that_breaks_is_a_transition():
+    """Both orbits are 1:1; the branch's branch point lies in the bracket."""
+    level = ImpactPair(beta=0.0, r=0.5, A=5.0, s=0.45)
+    found = sweep(level, "s", [0.44, 0.43, 0.42, 0.41], settling=QUICK)
+    (breaks,) = find_transitions(found, 1e-3, settling=QUICK)
+    assert (breaks.kind, breaks.label) == (None, "1:1->1:1")
+    assert breaks.after.value < 0.423183267920 < breaks.before.value
+    assert breaks.evidence.endswith("beside it follows, as where a symmetry breaks")
+
+
+def test_a_jump_to_another_motion_of_the_same_name_is_a_transition():
+    """From resonance down, and up and down again where a new start finds the other motion."""
+    pytest.importorskip("heyoka")
+    model = Duffing(a=0.3, omega=1.0, c=0.1, beta=1.0, sigma=10.0, r=0.8)
+    found = sweep(model, "omega", [1.35, 1.4, 1.45, 1.6], settling=QUICK)
+    large = [abs(row.attractor.motion[0]) > 0.5 for row in found.rows]
+    jumps = [k for k in range(3) if large[k] != large[k + 1]]
+    values = [t.before.value for t in find_transitions(found, 1e-3, settling=QUICK)]
+    assert values == [found.rows[k].value for k in jumps] != []
