@@ -46,6 +46,7 @@ from .flights import (
 )
 from .linear_flights import Law, LinearRuns
 from .run import (
+    BESIDE,
     CALM,
     EARLY,
     FASTER,
@@ -60,6 +61,7 @@ from .run import (
     Setting,
     State,
     columns_of,
+    entered_guards,
     join_parts,
     wall_into,
     wrap_time,
@@ -386,13 +388,19 @@ class Automaton:
 
     def _beyond(self, window: Window, left: int) -> bool:
         """Whether a jump has led behind a guard of the next mode."""
-        if self._stays(left):
-            return False
-        for numbers in self._watched(left, 0):
-            begin, _ = window.beginning(self.guards[numbers[0]])
-            if any(self.guards[k].side * (self.positions[k] - begin) < 0.0 for k in numbers):
+        for k in self._entered[left]:
+            begin, _ = window.beginning(self.guards[k])
+            slack = BESIDE * abs(begin) if self._stays(left) else 0.0
+            if self.guards[k].side * (self.positions[k] - begin) < -slack:
                 return True
         return False
+
+    @functools.cached_property
+    def _entered(self) -> list[list[int]]:
+        """After each guard, those of its mode behind which the flight may begin."""
+        count = len(self.guards)
+        table = np.reshape(entered_guards(self.guards, self.passages), (count, count))
+        return [np.flatnonzero(row).tolist() for row in table]
 
     def passes(self, state: State) -> bool:
         """Whether the flight after an impact begins on the surface of a guard of its mode and
@@ -475,8 +483,12 @@ class Automaton:
         return state
 
     def _begins(self, state: State) -> bool:
-        """Whether the flight after an impact has values and passes no guard at once."""
+        """Whether the flight after an impact has values, and is not behind a guard at once."""
         try:
+            if self._entered[state.wall] and self._beyond(
+                next(self._windows(state))[0], state.wall
+            ):
+                return False
             return not self.passes(state)
         except (ArithmeticError, ValueError):
             return False
@@ -603,6 +615,7 @@ class Automaton:
             self.positions,
             self.restitution,
             self.passages,
+            entered_guards(self.guards, self.passages),
             laws,
             self.values,
             self.period,

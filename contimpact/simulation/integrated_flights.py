@@ -39,6 +39,7 @@ from .run import (
     Runs,
     Setting,
     accumulates,
+    entered_guards,
     first_reached,
     formulas,
     glue_entry,
@@ -69,6 +70,7 @@ class IntegratedFlights(NamedTuple):
     positions: Vector
     leaving: Vector
     stays: Vector
+    entered: Vector
     restitution: Vector
     slow: Vector
     """Of each wall, the velocity of impacts up to which a flight is left to plain Python."""
@@ -190,7 +192,7 @@ def fly_integrated(
     )
     for i in range(d):
         space[i] = numbers[1 + i] if i < n else 0.0
-    if flights.stays[wall] == 0 and is_beyond(flights, law, space):
+    if is_beyond(flights, wall, law, space):
         return BEYOND, wall, 0.0
     left, began, passed, length = wall, numbers[0], 0.0, FIRST * period
     while passed < min(flights.sizes[4], LONG) * period:
@@ -228,7 +230,7 @@ def fly_integrated(
 # Runs of systems whose flights are all integrated.
 
 FIELDS = VECTOR * 2 + INTEGERS + VECTOR + INTEGERS * 7 + VECTOR
-FIELDS += INTEGERS * 2 + VECTOR * 2 + INTEGERS * 2 + VECTOR
+FIELDS += INTEGERS * 3 + VECTOR * 2 + INTEGERS * 2 + VECTOR
 """Kinds of the fields of `IntegratedFlights` before `ROOM`."""
 ARGUMENTS = FIELDS + TABLE * 2 + VECTOR * 9 + INTEGERS + VECTOR + COLUMNS + INTEGERS
 """Kinds of the entry's arguments, as in `linear_flights`."""
@@ -302,6 +304,7 @@ class IntegratedRuns(Runs):
             positions,
             restitution,
             kernels.passages,
+            entered_guards(guards, kernels.passages),
             [(guard.next_mode, field_of(k)) for guard, k in zip(guards, own, strict=True)],
             values,
             period,

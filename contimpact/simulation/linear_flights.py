@@ -97,8 +97,9 @@ class Flights(NamedTuple):
     pivot, side and position, shape (w,)."""
     leaving: Vector
     stays: Vector
+    entered: Vector
     """`leaving`, `stays`: the side of the surface that is left, on the flight, and whether the
-    flight begins there; see `segments.segment`, shape (w,)."""
+    flight begins there; see `segments.segment`, shape (w,). `entered`: see `entered_guards`."""
     restitution: Vector
     """At low velocity; 1 where no impacts accumulate, shape (w,)."""
 
@@ -318,7 +319,7 @@ def fly_linear(
     section, n, d = section_place(flights), flights.width[law], flights.sizes[0]
     velocity, period, piece = space[section], flights.clock[0], flights.piece[law]
     leave(wall, phase, flights.values, space)
-    if flights.stays[wall] == 0 and is_beyond(flights, law, space):
+    if is_beyond(flights, wall, law, space):
         return BEYOND, wall, 0.0
     left, begun = wall, 2 * width
     for j in range(n):
@@ -396,7 +397,7 @@ def tables_of(law: Law, rows: Array, period: float, width: int) -> tuple[int, Ar
 
 
 FIELDS = VECTOR * 2 + INTEGERS + VECTOR + INTEGERS * 3 + VECTOR * 3 + INTEGERS * 6 + VECTOR
-FIELDS += INTEGERS * 2 + VECTOR
+FIELDS += INTEGERS * 3 + VECTOR
 """Kinds of the fields of `Flights`."""
 ARGUMENTS = FIELDS + VECTOR + INTEGERS + VECTOR + COLUMNS + INTEGERS
 """Kinds of the entry's arguments: the fields of `Flights`, then those of `make_flights`, of one

@@ -17,7 +17,7 @@ from ..arrays import INTEGERS, VECTOR, Array, Vector
 from ..display import NotebookResult, ParameterItems, Summary, frame, limit_lines
 from ..errors import InputError
 from ..models.guards import pivot, slides_at
-from ..models.model import Model
+from ..models.model import Guard, Model
 from ..segments.compiling import CompiledProgram, load, mode, timed_plainly
 from ..segments.kernels import Kernels
 from ..segments.segment import ELSEWHERE, Kernel, Passages
@@ -549,17 +549,37 @@ def row_value(flights: AnyFlights, row: int, space: Vector) -> float:
     return found
 
 
-def is_beyond(flights: AnyFlights, law: int, space: Vector) -> bool:
-    """Whether a flight begins behind a guard of its mode."""
-    gaps = flights.sizes[2]
+def is_beyond(flights: AnyFlights, wall: int, law: int, space: Vector) -> bool:
+    """Whether the flight after a guard begins behind one of its mode."""
+    gaps, walls, slack = flights.sizes[2], len(flights.sides), 0.0
     for row in range(gaps):
         below, above = flights.below[law * gaps + row], flights.above[law * gaps + row]
         x = row_value(flights, row, space)
-        if below >= 0 and x < flights.positions[below]:
+        if flights.stays[wall] != 0:
+            slack = BESIDE * abs(x)
+        low, high = wall * walls + below, wall * walls + above
+        if below >= 0 and flights.entered[low] != 0 and x < flights.positions[below] - slack:
             return True
-        if above >= 0 and x > flights.positions[above]:
+        if above >= 0 and flights.entered[high] != 0 and x > flights.positions[above] + slack:
             return True
     return False
+
+
+BESIDE = 1e-12
+"""Positions that no jump moves are behind a guard if they are by more than this part."""
+
+
+def entered_guards(guards: Sequence[Guard], passages: Passages) -> list[int]:
+    """Return whether the flight after each guard may begin behind each other one, which ends its
+    mode, shape (w w,): where a jump has moved its gap coordinate, or the mode before has no such
+    guard."""
+    found = []
+    for k, guard in enumerate(guards):
+        stays = passages.arrivals[k][k] != ELSEWHERE
+        for j, other in enumerate(guards):
+            new = not set(guard.modes) <= set(other.modes) and other.coordinate != guard.coordinate
+            found.append(int(passages.watched[k][j] and (new or not stays)))
+    return found
 
 
 def accumulates(flights: AnyFlights, wall: int, velocity: float, acceleration: float) -> bool:
@@ -737,6 +757,7 @@ class Setting(NamedTuple):
     positions: Sequence[float]
     restitution: Sequence[float]
     passages: Passages
+    entered: Sequence[int]
     laws: Sequence[Any]
     """`sides`, `positions`, `restitution`, `laws`: of each guard, and of the flight after it."""
     values: Sequence[float]
@@ -785,6 +806,7 @@ class Setting(NamedTuple):
             "positions": list(self.positions),
             "leaving": [int(side) for side in passages.leaving],
             "stays": [int(passages.arrivals[k][k] != ELSEWHERE) for k in walls],
+            "entered": list(self.entered),
             "restitution": list(self.restitution),
         }
 

@@ -21,6 +21,7 @@ from contimpact.models.stated_modes import StatedMode
 from contimpact.results.scene import read_scene
 from contimpact.segments.checking import check_model
 from contimpact.segments.kernels import Kernels
+from contimpact.simulation.run import Outcome
 
 BRANCHES = Path(__file__).parents[2] / "branches"
 EXACT = {"rtol": 1e-13, "atol": 1e-13, "method": "DOP853"}
@@ -506,6 +507,33 @@ def _bodies(rest, gap_speed):
     """Positions and velocities at U, where x2 - x1 = 1, from those of the second body."""
     x2, v2 = rest
     return [x2 - 1.0, x2], [v2 - gap_speed, v2]
+
+
+@pytest.mark.parametrize("impacts", [4, 400])
+def test_a_mode_that_begins_behind_a_guard_ends_the_run(impacts):
+    """In slip nothing stops x, which is at 0.588 when the body sticks again, behind 0.3: it was set
+    back there, and impacts of a 4:4 motion followed that no orbit has."""
+    rate = "cos(w*t) - 0.3*v - x/4"
+    table = {
+        "name": "passed",
+        "model": {
+            "system": "hybrid",
+            "period": "2*pi/w",
+            "parameters": {"w": 1.0, "d": 0.3},
+            "modes": {"stick": {"x": "v", "v": rate}, "slip": {"x": "v", "v": rate, "u": "-2"}},
+            "guards": {
+                "I": {"mode": "stick", "within": "x <= d", "to": "slip", "set": {"u": "1"}},
+                "R": {"mode": "slip", "within": "u >= 0", "to": "stick"},
+            },
+        },
+        "follow": {"parameter": "d", "range": [-1.0, 1.0], "orbits": ["IR"]},
+    }
+    simulator = ci.Simulator(read_scene(table).model)
+    run = simulator.run(simulator.state("I", 0.1, 0.4, (0.0, 0.0)), impacts=impacts)
+    assert (run.word, run.outcome) == ("R", Outcome.BEYOND)
+    assert run.others[0, 0] == pytest.approx(0.588229554, abs=1e-9)
+    starts = [simulator.random_state(seed) for seed in range(20)]
+    assert all(start.wall == 0 or start.others[0] <= 0.3 for start in starts)
 
 
 @pytest.mark.full
