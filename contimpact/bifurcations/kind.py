@@ -11,6 +11,7 @@ from __future__ import annotations
 import enum
 import functools
 import importlib
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -31,7 +32,7 @@ from ..models.word import Word, repetitions
 from ..orbits.problem import Linearisation, OrbitProblem, rounding
 from ..orbits.quiet import problem_of
 from ..orbits.search import first_lap, reduce_period
-from ..orbits.status import Verdict, count_unstable, neimark_sacker
+from ..orbits.status import UNIT_CIRCLE_ROUNDING, Verdict, count_unstable, neimark_sacker
 from ..segments.flight import Touch
 from .declarations import CROSSINGS, FILES, unknown_kind
 from .equations import Equations as Equations
@@ -320,7 +321,13 @@ class Kind(ABC):
     def multipliers(self, here: Linearisation, details: Details) -> tuple[Array, int]:
         """Return the orbit's multipliers, and how many outside the unit circle are not the
         event's."""
-        others = np.delete(here.multipliers, self.critical(here.multipliers))
+        own = self.critical(here.multipliers)
+        others = np.delete(here.multipliers, own)
+        if self.multiplier is not None:
+            # rounding splits a double multiplier by its root, but leaves the product
+            double = np.abs(others - self.multiplier) < math.sqrt(UNIT_CIRCLE_ROUNDING)
+            split = here.multipliers[own[0]] / self.multiplier
+            others = np.where(double, split * others, others)
         return here.multipliers, int(count_unstable(others))
 
     def verdict(self, here: Linearisation, details: Details) -> Verdict:

@@ -150,3 +150,14 @@ def test_a_kind_of_ones_own_is_drawn_and_exported(followed, tmp_path):
     assert types.count("-4") == len(OWN)
     assert types.count("5") == 1
     assert np.all(np.isfinite(branch["a"]))
+
+
+def test_the_double_multiplier_of_an_elastic_ball_is_the_events_own():
+    """At r = 1 the multipliers have the product 1, so both are -1 where the trace is -2: at the
+    acceleration g of the table. Rounding splits them by 2e-8."""
+    ball = example("bouncing_ball").BouncingBall(a=0.5 * G / OMEGA**2, omega=OMEGA, r=1.0, g=G)
+    orbit = next(o for o in find_orbits(ball, "1", parameter="a") if o.stable)
+    branch = continue_orbit(orbit, range=(0.001, 0.008), events=["PD"])
+    (entry,) = branch.events
+    assert entry.value == pytest.approx(G / OMEGA**2, rel=1e-14)
+    assert (entry.n_unstable, entry.ghost) == (0, False)
