@@ -216,6 +216,10 @@ def attractor_ranges(
     reading = diagram.reading
     motions = [_of_branch(diagram, interval) for interval in reading.stable]
     notes = [reading.incomplete] if diagram.branches else []
+    if stopped := diagram.statistics.get("stopped"):
+        notes.append(
+            f"interrupted ({stopped}): attractors may be missing; contimpact run finds them"
+        )
     notes += [
         f"not known whether {i.notation} on {i.branch} is stable from {i.low:.9g} to {i.high:.9g}"
         for i in reading.unknown

@@ -18,7 +18,7 @@ from contimpact.diagrams.crisis_location import Crisis, locate_crisis
 from contimpact.diagrams.ranges import attractor_ranges, load_ranges
 from contimpact.errors import InputError
 from contimpact.plots.diagram import plot_ranges
-from contimpact.results.catalogue import Share
+from contimpact.results.catalogue import Share, write_diagram
 from contimpact.results.diagram import Diagram
 from contimpact.simulation.settle import settle
 from contimpact.simulation.simulator import Simulator
@@ -86,6 +86,15 @@ def test_without_simulation_complex_motion_is_not_known(diagram):
     assert found.at(0.36).observed == []
     assert "nothing was simulated" in found.notes[-1]
     assert "0.356895277 to 0.365318559: no attractor is known" in repr(found)
+
+
+def test_what_an_interruption_left_out_is_not_passed_over(tmp_path, diagram, capsys):
+    until = "following b3, 2:1: 7 points"
+    write_diagram(replace(diagram, statistics={"stopped": until}), tmp_path)
+    for options in ([], ["--at", "0.3"]):
+        assert main(["range", str(tmp_path), *options]) == 0
+        assert f"interrupted ({until})" in capsys.readouterr().out
+    assert not any("interrupted" in note for note in attractor_ranges(diagram).notes)
 
 
 @pytest.mark.full
