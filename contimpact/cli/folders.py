@@ -98,6 +98,10 @@ def catalogue(options: argparse.Namespace) -> int:
         merged = merge(options.folders)
     with hold_folder(options.output, FILES) as folder:
         files = write_merged(merged, folder)
+    for source in merged["sources"]:
+        if "interrupted" in source:
+            stopped = source["interrupted"]
+            complain(f"{source['folder']}: was interrupted ({stopped}): entries may be missing")
     count, scenes = len(merged["entries"]), len(merged["sources"])
     say(f"{count} entries of {scenes} scenes written to {folder}: {', '.join(files)}")
     return 0

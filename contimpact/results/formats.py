@@ -80,7 +80,8 @@ TABLE = ("scene", "id", "label", "ghost", "why", "criticality", "branch", "word"
 
 def merge(folders: Sequence[str | Path]) -> dict[str, Any]:
     """Merge the catalogues of several folders of ``contimpact run``: ``sources`` (scene, where its
-    numbers are from, versions, digest of the catalogue) and ``entries``, each with its scene.
+    numbers are from, versions, digest of the catalogue, what was interrupted) and ``entries``,
+    each with its scene.
 
     Raises InputError if a folder has no catalogue, its schema is not this version's, its run was
     ended while it wrote the folder, or two different catalogues go by the same scene name.
@@ -100,7 +101,8 @@ def merge(folders: Sequence[str | Path]) -> dict[str, Any]:
                 found = f"a second, different catalogue of the scene {scene!r}"
                 raise InputError(str(folder), found, "give each scene a name of its own")
             continue
-        sources.append({"scene": scene, "folder": folder.name, "sha256": digest, **origin})
+        cut = {"interrupted": content["interrupted"]} if content.get("interrupted") else {}
+        sources.append({"scene": scene, "folder": folder.name, "sha256": digest, **origin, **cut})
         entries += [{"scene": scene, **entry} for entry in content["entries"]]
     return {"schema": CATALOGUES, "sources": sources, "entries": entries}
 

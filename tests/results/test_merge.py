@@ -48,6 +48,17 @@ def test_the_same_catalogue_twice_counts_once(folders):
     assert merge([folders[0], folders[0]])["entries"] == merge([folders[0]])["entries"]
 
 
+def test_an_interrupted_source_is_named(folders, tmp_path, capsys):
+    content = json.loads((folders[0] / "catalogue.json").read_text())
+    content["interrupted"] = "following b2"
+    (tmp_path / "catalogue.json").write_text(json.dumps(content))
+    merged = tmp_path / "merged"
+    assert main(["catalogue", str(tmp_path), str(folders[1]), "-o", str(merged)]) == 0
+    assert "was interrupted (following b2)" in capsys.readouterr().err
+    sources = json.loads((merged / "catalogues.json").read_text())["sources"]
+    assert [source.get("interrupted") for source in sources] == ["following b2", None]
+
+
 def test_another_schema_is_refused(folders, tmp_path):
     content = json.loads((folders[0] / "catalogue.json").read_text())
     content["schema"] = "contimpact.catalogue/2"
