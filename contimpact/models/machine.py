@@ -399,7 +399,10 @@ def _sides(text: Any, where: str, coordinates: Sequence[str]) -> tuple[str, int,
         moves and set(names_in(part)) - {*coordinates, *CONSTANTS}
         for moves, part in zip(moving, sides, strict=True)
     ):
-        accepted += ": coordinates alone on one side, parameters on the other"
+        accepted += (
+            ": coordinates alone on one side, with numbers for factors, parameters on the other "
+            "(let a coordinate be what a parameter is a factor of)"
+        )
         raise InputError(where, found, accepted)
     below = (signs[0] == "<=") is not (moving == [False, True])
     gap, position = reversed(sides) if moving == [False, True] else sides

@@ -152,6 +152,7 @@ def test_what_is_recorded_makes_the_machine_again():
         ({"guards": {"A": {"within": "x1 <= 1", "r": 1}}}, r"guards\.A\.r: unknown key"),
         ({"guards": {"AB": {"within": "x1 <= 1", "restitution": 1}}}, r"a single letter"),
         ({"guards": {"A": {"within": "x1 - r <= 0", "restitution": 1}}}, "coordinates alone on"),
+        ({"guards": {"A": {"within": "r*x1 <= 0", "restitution": 1}}}, "with numbers for factors"),
         ({"guards": {"A": {"within": "-1 <= x1 <= 1", "restitution": 1}}}, "for each side a guard"),
         (
             {"guards": {"A": {"within": "x1 <= 1", "restitution": -0.3}}},
