@@ -99,9 +99,7 @@ def catalogue(options: argparse.Namespace) -> int:
     with hold_folder(options.output, FILES) as folder:
         files = write_merged(merged, folder)
     for source in merged["sources"]:
-        if "interrupted" in source:
-            stopped = source["interrupted"]
-            complain(f"{source['folder']}: was interrupted ({stopped}): entries may be missing")
+        _complain_of_end(source["folder"], source.get("interrupted"))
     count, scenes = len(merged["entries"]), len(merged["sources"])
     say(f"{count} entries of {scenes} scenes written to {folder}: {', '.join(files)}")
     return 0
@@ -171,9 +169,16 @@ def _open(
             scene = scene_in(folder, systems, manifest)
         return Diagram(scene.name, []), scene, manifest
     found = open_results(folder)
+    _complain_of_end(folder, found.diagram.statistics.get("stopped"))
     if not named and found.diagram.branches:
         return found.diagram, None, None
     return found.diagram, scene_in(folder, systems, found.manifest), found.manifest
+
+
+def _complain_of_end(folder: Path | str, stopped: str | None) -> None:
+    """Say so if the run that results are from was stopped early."""
+    if stopped:
+        complain(f"{folder}: the run ended early ({stopped}): branches and events may be missing")
 
 
 def _plot_choices(
@@ -262,6 +267,7 @@ def _certify_or_verify(folder: Path, options: argparse.Namespace) -> int:
         else:
             with hold_folder(folder, (FILE, ROWS)):
                 results = open_results(folder)
+                _complain_of_end(folder, results.diagram.statistics.get("stopped"))
                 found = certify_results(results, settings_of(results), progress=tell, keep=True)
                 write_certificates(results, found)
     if not options.quiet:

@@ -134,7 +134,7 @@ def follow(scene: Scene | str | Path | Mapping[str, Any], progress: Asked = None
     -----
     An interruption or a numerical failure ends the computation early; what was computed is
     returned, and ``statistics["failure"]`` says what happened, ``statistics["stopped"]`` what
-    was being done when the keyboard interrupted. Words without an orbit at the start
+    was being done then. Words without an orbit at the start
     are listed in ``statistics["not_found"]``. Limits of the scene that cut something off are listed
     in ``limits``, with what they left out.
     """
@@ -166,8 +166,9 @@ def follow(scene: Scene | str | Path | Mapping[str, Any], progress: Asked = None
             raise refusal(list(explorer.lacking.values()), explorer.settled)
         if scene.outputs or scene.margins:
             diagram = _with_columns(scene, diagram, tell)
-    if diagram.statistics["failure"] == INTERRUPTED:
-        return replace(diagram, statistics={**diagram.statistics, "stopped": tell.last})
+    if failure := diagram.statistics["failure"]:
+        stopped = tell.last if failure == INTERRUPTED else f"{failure}, while {tell.last}"
+        return replace(diagram, statistics={**diagram.statistics, "stopped": stopped})
     return diagram
 
 

@@ -218,7 +218,7 @@ def attractor_ranges(
     notes = [reading.incomplete] if diagram.branches else []
     if stopped := diagram.statistics.get("stopped"):
         notes.append(
-            f"interrupted ({stopped}): attractors may be missing; contimpact run finds them"
+            f"the run ended early ({stopped}): attractors may be missing; contimpact run finds them"
         )
     notes += [
         f"not known whether {i.notation} on {i.branch} is stable from {i.low:.9g} to {i.high:.9g}"

@@ -274,6 +274,17 @@ def test_interrupted_before_words_were_looked_for_elsewhere():
     assert not any("nor at" in note for note in diagram.statistics["notes"])
 
 
+def test_what_failed_is_in_the_catalogue():
+    def progress(text):
+        if "following b1" in text:
+            raise ZeroDivisionError("of a test")
+
+    content = json.loads(catalogue_text(follow(small(), progress)))
+    assert content["interrupted"].startswith(
+        "the computation failed (ZeroDivisionError: of a test), while following b1"
+    )
+
+
 @pytest.mark.full
 def test_a_survey_for_named_words_finds_the_second_stable_range_of_1_1():
     """At beta = pi/3, r = 0.7 it is on a branch that does not pass the start; at d = 0.185 the maps

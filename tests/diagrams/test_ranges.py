@@ -93,8 +93,10 @@ def test_what_an_interruption_left_out_is_not_passed_over(tmp_path, diagram, cap
     write_diagram(replace(diagram, statistics={"stopped": until}), tmp_path)
     for options in ([], ["--at", "0.3"]):
         assert main(["range", str(tmp_path), *options]) == 0
-        assert f"interrupted ({until})" in capsys.readouterr().out
-    assert not any("interrupted" in note for note in attractor_ranges(diagram).notes)
+        assert f"ended early ({until})" in capsys.readouterr().out
+    assert not any("ended early" in note for note in attractor_ranges(diagram).notes)
+    assert main(["plot", str(tmp_path), "-o", str(tmp_path / "all.svg")]) == 0
+    assert f"ended early ({until}): branches and events may be missing" in capsys.readouterr().err
 
 
 @pytest.mark.full

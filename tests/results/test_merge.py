@@ -54,7 +54,7 @@ def test_an_interrupted_source_is_named(folders, tmp_path, capsys):
     (tmp_path / "catalogue.json").write_text(json.dumps(content))
     merged = tmp_path / "merged"
     assert main(["catalogue", str(tmp_path), str(folders[1]), "-o", str(merged)]) == 0
-    assert "was interrupted (following b2)" in capsys.readouterr().err
+    assert "ended early (following b2)" in capsys.readouterr().err
     sources = json.loads((merged / "catalogues.json").read_text())["sources"]
     assert [source.get("interrupted") for source in sources] == ["following b2", None]
 
