@@ -33,7 +33,7 @@ from ..progress import Asked, Progress, ignore_progress, progress_lines
 from ..segments.compiling import timed_plainly
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION
-from ..segments.segment import ELSEWHERE, STATES
+from ..segments.segment import ELSEWHERE, STATES, VALUES
 from .orbit import Orbit
 from .problem import Linearisation, OrbitProblem
 from .quiet import FreeQuietProblem, QuietProblem, problem_of
@@ -527,8 +527,14 @@ def _solve_quietly(
     Newton's iteration is deflated: what is solved is the residual over the distances from the known
     solutions, none of which is reached again.
     """
-    blocks, m = problem.segments[0].over(STATES), problem.m
-    values = list(problem.model.values.values())
+    blocks, motions = (problem.segments[0].over(numbers) for numbers in (STATES, VALUES))
+    values, m = list(problem.model.values.values()), problem.m
+
+    def move(z: Array) -> Array:
+        """Where all starts are after the word's period."""
+        problem.kernel_evaluations += z.shape[1]
+        moved: Array = z + np.array([*motions(z, z, values)[0]])
+        return moved
 
     def arrive(z: Array) -> tuple[Array, Array]:
         """The residuals of all starts, and their derivatives, of shape (m, m, S)."""
@@ -548,7 +554,7 @@ def _solve_quietly(
         """What becomes of motions after some periods, without those that run away."""
         for _ in range(QUIET_PERIODS):
             if z.shape[1]:
-                z = z + arrive(z)[0]
+                z = move(z)
                 z = z[:, measure(z) < QUIET_LOST]
         return z
 
@@ -557,7 +563,7 @@ def _solve_quietly(
         units = units * (float(np.median(measure(flown))) if flown.shape[1] else 1.0)
         flown = np.hstack([flown, settle(units[:, None] * draw(QUIET_SIZES))])
         if flown.shape[1]:
-            sizes, rest = measure(flown), measure(arrive(flown)[0])
+            sizes, rest = measure(flown), measure(move(flown) - flown)
             units = units * float(np.max(sizes[rest < QUIET_SETTLED * sizes], initial=1.0))
         z, reached = np.hstack([flown, units[:, None] * draw(QUIET_SIZES)]), [flown[:, :0]]
         for _ in range(ITERATIONS):

@@ -97,10 +97,19 @@ def flown_of_arrays(field: str, directions: str, *numbers: Any) -> Array:
 
 def flown_of_states(field: str, directions: str, *numbers: Any) -> Array:
     """Return the same without derivatives by parameters, which are put at zero."""
-    by, known = directions.split(), statement(field)
-    moved = [name for name in by if name not in known.parameters]
-    found = _flown_of_arrays(field, directions, " ".join(moved), *numbers)
-    rows = 2 * known.freedom * (len(by) - len(moved))
+    moved = [name for name in directions.split() if name not in statement(field).parameters]
+    return _with_zeros(field, directions, moved, *numbers)
+
+
+def flown_of_values(field: str, directions: str, *numbers: Any) -> Array:
+    """Return the same without derivatives, which are put at zero."""
+    return _with_zeros(field, directions, [], *numbers)
+
+
+def _with_zeros(field: str, directions: str, wanted: Sequence[str], *numbers: Any) -> Array:
+    """The same with zeros for the derivatives that are not wanted."""
+    found = _flown_of_arrays(field, directions, " ".join(wanted), *numbers)
+    rows = 2 * statement(field).freedom * (len(directions.split()) - len(wanted))
     return np.concatenate([found, np.zeros((rows, *found.shape[1:]))])
 
 
@@ -143,6 +152,7 @@ def rounding_scale(field: str, directions: str, numbers: Sequence[float], found:
 SCALAR: dict[str, Callable[..., Any]] = {"flown": flown, "flown_of_series": flown_of_series}
 ARRAY: dict[str, Callable[..., Any]] = {"flown": flown_of_arrays}
 STATES: dict[str, Callable[..., Any]] = {"flown": flown_of_states}
+VALUES: dict[str, Callable[..., Any]] = {"flown": flown_of_values}
 
 
 def multiprecision_functions(ctx: Any) -> dict[str, Callable[..., Any]]:

@@ -135,6 +135,8 @@ ARRAYS = Arithmetic(
 
 STATES = Arithmetic({**ARRAYS.names, **linear_flow.STATES, **integrated_flight.STATES})
 """Arrays, where derivatives of linear and of integrated flights by parameters are not asked for."""
+VALUES = Arithmetic({**STATES.names, **integrated_flight.VALUES})
+"""Arrays, where no derivatives of integrated flights are asked for."""
 
 
 # What meets a flight: the guards that can end it, and how it leaves and reaches their surfaces.
