@@ -357,7 +357,7 @@ def _shortest_closed(simulator: Simulator, run: Run, impacts: int) -> Cycle | No
     cycle = solve_cycle(simulator, base, impacts, round(float(turned) / run.period))
     if cycle is None:
         return None
-    parts = _repetitions(cycle, simulator.period)
+    parts = repetitions_of(cycle, simulator.period)
     if parts == 1:
         return cycle
     state = cycle.state(simulator.period)
@@ -457,7 +457,7 @@ def _distance(run: Run, cycle: Cycle) -> float:
     return float(np.min(apart[cycle.walls == run.walls[-1]], initial=math.inf))
 
 
-def _repetitions(cycle: Cycle, period: float) -> int:
+def repetitions_of(cycle: Cycle, period: float) -> int:
     """How many times a cycle runs through a shorter one."""
     n, table = len(cycle.walls), _columns(cycle.times, cycle)
     sizes = np.concatenate([[period], np.maximum(np.max(np.abs(table[:, 1:]), axis=0), 1e-300)])

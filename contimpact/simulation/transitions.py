@@ -22,7 +22,7 @@ from ..results.branch import Entry
 from ..results.diagram import Diagram
 from ..results.options import SETTLING, Settling
 from ..schema import build_record
-from .attractor import Attractor, Kind, solve_cycle
+from .attractor import Attractor, Kind, repetitions_of, solve_cycle
 from .settle import settle_again
 from .sweep import Row, Simulators, Sweep, same_attractor
 
@@ -91,16 +91,20 @@ def locate(
 def goes_on(simulators: Simulators, before: Row, after: Row, settling: Settling) -> bool:
     """Whether an attractor is the one before it, at a neighbouring value, by what they are.
 
-    Where a periodic one moves to is solved for; of others that may coexist with their like, the
-    motion has to lead back. Complex motions are not told apart here.
+    Where a periodic one moves to is solved for; where that fails, or leads to an orbit of a shorter
+    period as beside a doubling, a near one of its word is taken for it. Of others that may coexist
+    with their like, the motion has to lead back. Complex motions are not told apart here.
     """
     one, other = before.attractor, after.attractor
     if one.label != other.label:
         return False
     if one.kind is Kind.PERIODIC and one.state and one.period:
-        solved = solve_cycle(simulators.at(after.value), one.state, len(one.walls), one.period)
-        moved = solved and replace(other, **(vars(solved) | {"multipliers": other.multipliers}))
-        return bool(moved and same_attractor(moved, other))
+        there = simulators.at(after.value)
+        solved = solve_cycle(there, one.state, len(one.walls), one.period)
+        if solved is None or repetitions_of(solved, there.period) > 1:
+            return same_attractor(one, other, BESIDE)
+        moved = replace(other, **(vars(solved) | {"multipliers": other.multipliers}))
+        return same_attractor(moved, other)
     if one.kind is Kind.NO_IMPACT:
         return _motion_goes_on(simulators, before, after)
     if one.kind is not Kind.STICKING:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import re
 import tomllib
 
@@ -15,12 +16,14 @@ from contimpact.diagrams.explore import follow
 from contimpact.orbits.search import find_orbits
 from contimpact.results.options import Settling
 from contimpact.results.scene import read_scene
+from contimpact.simulation.attractor import repetitions_of, solve_cycle
 from contimpact.simulation.run import State
 from contimpact.simulation.sweep import Row, Simulators, Sweep, cover, scene_fragment, sweep
 from contimpact.simulation.transitions import (
     Transition,
     explain_transition,
     find_transitions,
+    goes_on,
     locate,
     name,
     transitions_between,
@@ -308,6 +311,18 @@ def test_a_symmetry_that_breaks_is_a_transition():
     assert (breaks.kind, breaks.label) == (None, "1:1->1:1")
     assert breaks.after.value < 0.423183267920 < breaks.before.value
     assert breaks.evidence.endswith("beside it follows, as where a symmetry breaks")
+
+
+def test_a_doubled_orbit_goes_on_where_newtons_iteration_leads_to_the_one_that_doubles():
+    pair = ImpactPair(beta=math.pi / 3.0, r=0.5, A=5.0, s=0.38)
+    _, before, after = sweep(pair, "s", [0.3798, 0.3796772, 0.3796119], settling=QUICK).rows
+    assert before.attractor.notation == after.attractor.notation == "1:1/6T"
+    simulators = Simulators(pair, "s")
+    state, there = before.attractor.state, simulators.at(after.value)
+    solved = solve_cycle(there, state, 12, 6)
+    assert solved is not None
+    assert repetitions_of(solved, there.period) == 2
+    assert goes_on(simulators, before, after, QUICK)
 
 
 def test_a_jump_to_another_motion_of_the_same_name_is_a_transition():
