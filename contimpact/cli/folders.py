@@ -263,13 +263,14 @@ def _certify_or_verify(folder: Path, options: argparse.Namespace) -> int:
 
     with telling(folder.name, options.quiet) as tell:
         if options.verify:
-            found = verify_results(open_results(folder), progress=tell)
+            results = open_results(folder)
+            found = verify_results(results, progress=tell)
         else:
             with hold_folder(folder, (FILE, ROWS)):
                 results = open_results(folder)
-                _complain_of_end(folder, results.diagram.statistics.get("stopped"))
                 found = certify_results(results, settings_of(results), progress=tell, keep=True)
                 write_certificates(results, found)
+    _complain_of_end(folder, results.diagram.statistics.get("stopped"))
     if not options.quiet:
         for line in found.lines():
             say(line)

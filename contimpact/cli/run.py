@@ -131,10 +131,9 @@ def _run_one(job: _Job, options: argparse.Namespace, interruption: Interruption)
         _summary(scene, diagram, options.ghosts)
         say(f"written to {folder} in {time.perf_counter() - began:.2f} s")
     if failure:
-        why = stopped = diagram.statistics.get("stopped") or failure
-        if INTERRUPTED == failure != stopped:
-            why = f"{failure} ({stopped})"
-        job.complain(f"{why}; what was computed is in {folder}")
+        stopped = diagram.statistics.get("stopped") if failure == INTERRUPTED else None
+        at = f" ({stopped})" if stopped else ""
+        job.complain(f"{failure}{at}; what was computed is in {folder}")
     return failure
 
 
