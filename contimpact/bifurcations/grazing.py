@@ -32,7 +32,7 @@ from itertools import pairwise
 import numpy as np
 
 from ..continuation.branch import Between, EndKind, Location, Point, Problem, TestFunction
-from ..models.guards import Guard, way_back
+from ..models.guards import Guard, is_path, way_back
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
@@ -471,12 +471,12 @@ def _side(problem: OrbitProblem, event: OrbitEvent) -> float:
 # Along curves.
 
 
-def _since_impact(here: CurvePoint) -> tuple[int, float]:
+def _since_impact(here: CurvePoint) -> tuple[int, str, float]:
     if "impact" in here.details:
         raise ArithmeticError("nothing is touched inside a flight")
     orbit, flight = here.orbit, here.details["flight"]
     start, _ = orbit.problem.times_around(orbit.unknowns, flight)
-    return flight, here.details["touch_time"] - start
+    return flight, here.details["wall"], here.details["touch_time"] - start
 
 
 def _orbit_with_touch(here: CurvePoint) -> Linearisation:
@@ -487,7 +487,10 @@ def _orbit_with_touch(here: CurvePoint) -> Linearisation:
     flight, wall = here.details["flight"], here.details["wall"]
     touch, letters = np.insert(here.own, 1, 0.0), _excursion(problem, flight, wall) or wall
     added = _excursion_impacts(problem, orbit.unknowns, letters, touch)
-    longer = problem_of(problem.model, problem.word.insert(flight, letters), problem.kernels)
+    word = problem.word.insert(flight, letters)
+    if not is_path(problem.model.WALLS, word.walls):
+        raise ArithmeticError("no flight leads back from the touch")
+    longer = problem_of(problem.model, word, problem.kernels)
     rows = _insert_impacts(problem.impacts(orbit.unknowns), flight, added)
     problem.kernel_evaluations += len(longer.word)
     return longer.evaluate(longer.with_impacts(rows, orbit.span, orbit.unknowns))

@@ -665,6 +665,10 @@ class SecondEigenvector(Resonance):
 
 # On curves of orbits that touch a wall, seen from the shorter or from the longer word.
 
+TouchPlace: TypeAlias = "Callable[[CurvePoint], tuple[int, str, float]]"
+"""Gives the flight on which a point's orbit touches a wall, the wall, and the time since the flight
+began."""
+
 
 class DegenerateTouch(CurveTest):
     """The touch has no acceleration."""
@@ -672,14 +676,16 @@ class DegenerateTouch(CurveTest):
     kind = "DG"
     changes = "the touch has zero acceleration: two touches of the flight are born or meet"
 
-    def __init__(self, touch: Callable[[CurvePoint], tuple[int, float]]) -> None:
+    def __init__(self, touch: TouchPlace) -> None:
         self.touch = touch
 
     def of(self, here: CurvePoint) -> ArrayLike:
         orbit, problem = here.orbit, here.orbit.problem
-        left, since = self.touch(here)
-        _, row = problem.leaving(orbit.unknowns, left)
-        return problem.segments[left].track(row, since, problem.values(orbit.unknowns))[2]
+        flight, wall, since = self.touch(here)
+        left, row = problem.leaving(orbit.unknowns, flight)
+        return problem.kernels.gap_after(left, wall)(*row, since, *problem.values(orbit.unknowns))[
+            2
+        ]
 
 
 class TouchSingular(CurveTest):
@@ -692,7 +698,9 @@ class TouchSingular(CurveTest):
 
     def of(self, here: CurvePoint) -> ArrayLike:
         orbit = self.counted(here)
-        return scaled_determinant(orbit.cyclic(self.mu)[:, : orbit.problem.n])
+        free = self.mu == 1.0 and orbit.problem.autonomous  # C(1) is singular: of shifts in time
+        matrix = orbit.jacobian if free else orbit.cyclic(self.mu)
+        return scaled_determinant(matrix[:, : orbit.problem.n])
 
     def other(self, here: CurvePoint, index: int) -> tuple[str, Details] | None:
         same = self.counted(here) is here.orbit
@@ -707,27 +715,64 @@ class TouchSingular(CurveTest):
         return [CurveStart(self.event, self.counted(here))]
 
 
+class FoldBorn(TouchSingular):
+    """The branch with the touch as an impact begins with a fold.
+
+    The impact's velocity changes the parameter linearly along that branch, with a rate that is zero
+    here. A contact that begins and ends at rest, as that of a soft stop or with a belt that takes
+    the body along, changes it by the square of the velocity only, and so does an impact that is
+    forgotten before the next one: then the rate is zero everywhere, and no fold is born by its
+    change. An eigenvector of C(1) that moves nothing but what happens at the touch tells.
+    """
+
+    def __init__(self, touch: TouchPlace, longer: Callable[[CurvePoint], Linearisation]) -> None:
+        changes = (
+            "the fold of the new branch is born at the grazing: the grazing changes between "
+            "supercritical and subcritical"
+        )
+        super().__init__("G-FB", changes, 1.0, longer)
+        self.touch = touch
+
+    def of(self, here: CurvePoint) -> ArrayLike:
+        flight, _, since = self.touch(here)
+        begin, _ = here.orbit.problem.times_around(here.orbit.unknowns, flight)
+        return np.nan if _leaves_no_trace(self.counted(here), begin + since) else super().of(here)
+
+
+NO_TRACE = 1e-7
+"""Part of an equation's size below which what an impact at rest changes in it is rounding: times of
+touches are known to the square root of rounding only."""
+TOGETHER = 1e-6
+"""Part of the period within which impacts happen at once."""
+
+
+def _leaves_no_trace(orbit: Linearisation, time: float) -> bool:
+    """Whether impacts at a time can move together, to the first order, so that no flight before or
+    after them changes at its other end."""
+    problem, unknowns, span = orbit.problem, orbit.unknowns, orbit.span
+    apart = problem.impacts(unknowns)[: len(problem.word), 0] - time
+    there = np.abs(apart - span * np.round(apart / span)) < TOGETHER * span
+    sizes = problem.scale(unknowns, 1.0)
+    rows, moved = problem.residual_sizes(sizes), np.flatnonzero(np.repeat(there, problem.m))
+    own = orbit.cyclic(0.0)
+    around = orbit.cyclic(1.0) - own
+    if problem.autonomous:  # the first impact is held in time, and all others move instead
+        around[:, 0] = -own[:, : problem.n : problem.m].sum(axis=1)
+    both = np.hstack([own[:, moved].T, around[:, moved].T]) / np.tile(rows, 2)
+    return bool(np.linalg.norm(both * sizes[moved, None], -2) < NO_TRACE)
+
+
 def touch_points(
-    touch: Callable[[CurvePoint], tuple[int, float]],
+    touch: TouchPlace,
     longer: Callable[[CurvePoint], Linearisation],
     shorter: Callable[[CurvePoint], Linearisation] | None,
 ) -> list[TestFunction[CurvePoint]]:
     """Return the test functions of a curve of orbits that touch a wall.
 
-    ``touch(point)`` gives the impact before the touch, and the time since then; `longer` and
-    `shorter` the orbit with the touch as an impact of its word, and without, None if no impact is
-    left.
+    `longer` and `shorter` give the orbit with the touch as an impact of its word, and without, None
+    if no impact is left.
     """
-    points: list[TestFunction[CurvePoint]] = [
-        DegenerateTouch(touch),
-        TouchSingular(
-            "G-FB",
-            "the fold of the new branch is born at the grazing: the grazing changes between "
-            "supercritical and subcritical",
-            1.0,
-            longer,
-        ),
-    ]
+    points: list[TestFunction[CurvePoint]] = [DegenerateTouch(touch), FoldBorn(touch, longer)]
     if shorter is not None:
         doubles = "the grazing orbit doubles its period here: the grazing is real on one side only"
         folds = "the branch that grazes folds at its grazing"

@@ -242,9 +242,12 @@ class V(Kind):
 
     def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
         shorter = _without_touch if len(word) > 1 else None
-        return touch_points(
-            lambda here: (here.details["impact"], 0.0), lambda here: here.orbit, shorter
-        )
+        return touch_points(_impact_at_rest, lambda here: here.orbit, shorter)
+
+
+def _impact_at_rest(here: CurvePoint) -> tuple[int, str, float]:
+    impact = here.details["impact"]
+    return impact, here.orbit.problem.word.walls[impact], 0.0
 
 
 def _remove_impact(here: Linearisation, details: Details) -> tuple[OrbitProblem, Array] | None:

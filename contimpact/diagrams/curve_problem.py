@@ -464,12 +464,12 @@ def _time_of_touch(here: Linearisation, flight: int, wall: str) -> float:
     problem = here.problem
     values, rows = problem.values(here.unknowns), problem.impacts(here.unknowns)
     times = np.append(rows[:, 0], rows[0, 0] + here.span)
-    walls = problem.model.letters
-    places = problem.kernels.setup(*values).walls
-    away = places[walls.index(wall)] - places[walls.index(problem.word.walls[flight])]
+    away = problem.kernels.setup(*values).walls[problem.model.letters.index(wall)]
+    left, _ = problem.leaving(here.unknowns, flight)
+    motion = problem.kernels.gap_after(left, wall)
     length, row = times[flight + 1] - times[flight], rows[flight].tolist()
     inside = np.linspace(0.0, length, SAMPLES + 2)[1:-1]
-    tracks = [problem.segments[flight].track(row, dt, values)[:2] for dt in inside.tolist()]
+    tracks = [motion(*row, dt, *values)[:2] for dt in inside.tolist()]
     gap, velocity = np.transpose(tracks) - [[away], [0.0]]
     nearest = np.argmin((gap / np.ptp(gap)) ** 2 + (velocity / np.ptp(velocity)) ** 2)
     return float(row[0] + inside[nearest])

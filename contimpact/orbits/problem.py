@@ -174,8 +174,8 @@ def _motion_by_segment(
     problem = here.problem
     values, kernels = problem.values(here.unknowns), problem.kernels
     guard = problem.model.guard(wall)
-    gap = kernels.since(wall) if left == SECTION else kernels.gap(left, wall)
-    segment, none = kernels.segment(left, wall), [0.0] * (problem.m - 1)
+    gap, segment = kernels.gap_after(left, wall), kernels.segment(left, wall)
+    none = [0.0] * (problem.m - 1)
     found = []
     for t in dt.tolist():
         place, speed = gap(*row, t, *values)[:2]

@@ -282,6 +282,10 @@ class Kernels:
         """``gap(t0, *y0, dt, *p)``: the gap coordinate of wall b after wall a."""
         return self.kernel(f"gap_{a}_{b}")
 
+    def gap_after(self, left: str, wall: str) -> Kernel:
+        """Return the gap coordinate of a wall after another one, or after the section."""
+        return self.since(wall) if left == SECTION else self.gap(left, wall)
+
     def law(self, a: str) -> Kernel:
         """``law(t0, *y0, *p)``: what a linear flight after a wall is computed from."""
         return self.kernel(f"law_{a}")

@@ -574,3 +574,35 @@ def test_no_point_is_found_by_rounding_beside_an_end_at_a_shorter_orbit(r):
     expected = {"G-FB": 0.336352666157718, "G-PD": 0.392475271817893}
     assert len(curve.points) == 2
     assert points == pytest.approx(expected, abs=1e-12)
+
+
+def shipped(scene, label):
+    """An entry of a shipped catalogue, and its model."""
+    entries = load_entries(ROOT / "branches" / scene)
+    entry = next(e for e in entries if e.label.lstrip("~") == label)
+    return entry, entry.orbit().problem.model
+
+
+@pytest.mark.quick(1)
+@pytest.mark.parametrize(
+    ("scene", "label", "second"),
+    [
+        ("soft_stop", "G[0->1:1]", "a"),
+        ("soft_stop", "V[2:2->1:1]", "a"),
+        ("belt", "V[SP->0]", "mu_0"),
+        ("stiff", "G[1->2]", "c"),
+        ("soft_pair_friction", "G[BdbTut->BdbSPTut]", "A"),
+    ],
+)
+def test_a_contact_that_begins_at_rest_has_no_points_made_by_rounding(scene, label, second):
+    """The parameter goes with the square of the new impact's velocity all along the curve, as with
+    soft stops, or the impact is forgotten before the next: determinants are rounding, in which up
+    to 18 G-FB were seen. Friction is touched at no velocity, where the position has no acceleration
+    either: ten DG."""
+    entry, model = shipped(scene, label)
+    value = model.values[second]
+    curve = follow_curve(
+        entry, model, second, (0.95 * entry.value, 1.05 * entry.value), (0.9 * value, 1.1 * value)
+    )
+    assert len(curve) > 5
+    assert (curve.points, curve.missed) == ([], [])
