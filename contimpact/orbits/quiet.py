@@ -62,6 +62,9 @@ ASIDE = 0.1
 
 def require_no_forcing(model: Model, kernels: Kernels) -> None:
     """Raise `InputError` if motions depend on the time, or do so beside a followed parameter."""
+    given = tuple(model.values.values())
+    if given in kernels.unforced:
+        return
     forced, unseen = _forced_flight(kernels, model.values)
     if forced:
         found = f"it is free, and the flight {forced} depends on the time"
@@ -85,6 +88,7 @@ def require_no_forcing(model: Model, kernels: Kernels) -> None:
             found = f"beside {name} = {value!r} the flight {unseen} has no value at random "
             found += "states, by which it is seen whether it depends on the time"
             raise InputError("parameter", found, "follow another one, or from another value")
+    kernels.unforced.add(given)
 
 
 def _forced_flight(kernels: Kernels, values: Mapping[str, float]) -> tuple[str, str]:

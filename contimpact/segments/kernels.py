@@ -127,6 +127,8 @@ class Kernels:
         self._derivatives: dict[str, Callable[..., Any]] = {}
         self._segments: dict[tuple[str, str], ClosedForm] = {}
         self._linear: dict[str, bool] = {}
+        self.unforced: set[tuple[float, ...]] = set()
+        """Parameter values about which motions were seen not to depend on the time."""
         self._integrated: dict[str, bool] = {}
         self._writer: Any = None
 

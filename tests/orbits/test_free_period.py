@@ -20,6 +20,7 @@ from contimpact.diagrams.orbit_branch import symmetric_end
 from contimpact.errors import InputError
 from contimpact.models.model import Formulas
 from contimpact.models.word import Word, parse_word
+from contimpact.orbits import quiet
 from contimpact.orbits.quiet import problem_of
 from contimpact.orbits.search import orbit_at
 from contimpact.results.entry_conversion import details_of
@@ -248,6 +249,19 @@ def test_a_forcing_of_short_flights_is_seen():
         ci.find_orbits(Runaway(**values, period="free"), "S", parameter="a")
     with pytest.raises(InputError, match="the flight SS has no value at random states"):
         ci.find_orbits(Runaway(**values | {"k": 1e8}, period="free"), "S", parameter="k")
+
+
+def test_a_system_is_seen_once_to_have_no_forcing(monkeypatch):
+    looked = []
+    monkeypatch.setattr(quiet, "_forced_flight", lambda *_: looked.append(1) or ("", ""))
+    model = Belt(a=0.0, omega=1.0, c=0.1, V=0.5, mu_0=0.4)
+    kernels = Kernels(model, "V")
+    quiet.require_no_forcing(model, kernels)
+    assert len(looked) == 2
+    quiet.require_no_forcing(model, kernels)
+    assert len(looked) == 2
+    quiet.require_no_forcing(model.replace(V=0.6), kernels)
+    assert len(looked) == 4
 
 
 def test_words_have_no_period():
