@@ -442,10 +442,8 @@ class FreeQuietProblem(WithoutForcing, QuietProblem):
         return self.leaves(unknowns[: self.m]).tolist()
 
     def natural_units(self, unknowns: Array) -> Array:
-        """Return the same, with the orbit's period in the place of v_0."""
-        units = super().natural_units(unknowns)
-        units[1] = self.span(unknowns)
-        return units
+        """Return those of `scale`: where a guard at zero is touched, the state is zero."""
+        return self.scale(unknowns, self._units_of_parameters(unknowns))
 
     def leaves(self, moved: ArrayLike) -> Array:
         """Return a direction of the unknowns, or rows of them in turn, without v_0."""

@@ -606,3 +606,18 @@ def test_a_contact_that_begins_at_rest_has_no_points_made_by_rounding(scene, lab
     )
     assert len(curve) > 5
     assert (curve.points, curve.missed) == ([], [])
+
+
+def test_a_free_cycle_that_touches_a_guard_at_zero_is_read_and_followed():
+    """There its state on the section is zero, which was taken for its size."""
+    pytest.importorskip("heyoka")
+    curves = []
+    for label in ("G[0->SP]", "V[SP->0]"):
+        entry, model = shipped("belt_free", label)
+        curves.append(
+            follow_curve(entry, model, "delta", (1.5, 1.7), (2.9, 3.1), values=[2.95, 3.05])
+        )
+    for curve in curves:
+        assert (curve.points, curve.missed) == ([], [])
+    grazing, stopping = (curve["V"][rows_at(curve, [2.95, 3.05])] for curve in curves)
+    np.testing.assert_allclose(grazing, stopping, rtol=1e-12)
