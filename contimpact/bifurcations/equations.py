@@ -138,29 +138,28 @@ class Equations:
 
         return system, null
 
-    def singular_pair(self, null: Array, mu: complex) -> System:
-        """F = 0, C(c + i s) (p + i q) = 0, the length and phase of p + i q held, c^2 + s^2 = 1."""
-        n = self.problem.n
-        re, im = null.real.tolist(), null.imag.tolist()
+    def singular_pair(self, phase: Array, own: Array) -> System:
+        """F = 0, C_0 q_k + C_1 q_(k+1) = 0 for k = 0 and 1 with q_2 = 2 kappa q_1 - q_0, the length
+        and phase of (q_0, q_1) held."""
+        n, plane, held = self.problem.n, own[:-1].tolist(), phase.tolist()
 
         def system(x: list[Any]) -> list[Any]:
             flights = self.flights(x[: n + 1])
-            p, q, (c, s) = x[n + 1 : 2 * n + 1], x[2 * n + 1 : 3 * n + 1], x[3 * n + 1 :]
-            first_p, first_q = (self._cycle(flights, part, 0) for part in (p, q))
-            whole_p, whole_q = (self._cycle(flights, part, 1) for part in (p, q))
-            last_p = [a - b for a, b in zip(whole_p, first_p, strict=True)]
-            last_q = [a - b for a, b in zip(whole_q, first_q, strict=True)]
-            ends = list(zip(last_p, last_q, strict=True))
+            q, kappa = x[n + 1 : -1], x[-1]
+            first, whole = ([self._cycle(flights, p, mu) for p in (q[:n], q[n:])] for mu in (0, 1))
+            last = [
+                [a - b for a, b in zip(*pair, strict=True)]
+                for pair in zip(whole, first, strict=True)
+            ]
             return [
                 *residuals_of(flights),
-                *(a + c * x - s * y for a, (x, y) in zip(first_p, ends, strict=True)),
-                *(b + c * y + s * x for b, (x, y) in zip(first_q, ends, strict=True)),
-                self._dot(re, p) + self._dot(im, q) - 1,
-                self._dot(re, q) - self._dot(im, p),
-                c * c + s * s - 1,
+                *(a + b for a, b in zip(first[0], last[1], strict=True)),
+                *(a + 2 * kappa * c - b for a, b, c in zip(first[1], *last, strict=True)),
+                self._dot(plane, q, -1),
+                self._dot(held, q),
             ]
 
-        return system, [*re, *im, mu.real, mu.imag]
+        return system, own.tolist()
 
     def branch_point(self, z: Array) -> System:
         """F + nu psi = 0, J' psi = 0, |psi| = 1."""

@@ -5,7 +5,8 @@ kind    equations                                            unknowns besides or
 ======  ===================================================  ====================================
 FB      F = 0, C(1) q = 0, (q.q - 1)/2 = 0                   q, the eigenvector of the multiplier 1
 PD      F = 0, C(-1) q = 0, (q.q - 1)/2 = 0                  q, the eigenvector of -1
-NS      F = 0, C(e^{i theta}) q = 0, |q| = 1, phase of q     Re q, Im q, theta
+NS      F = 0, C_0 q_k + C_1 q_{k+1} = 0 for k = 0, 1 with   q_0, q_1, kappa = cos(theta)
+        q_2 = 2 kappa q_1 - q_0, |q| = 1, phase of q
 BP      F + nu psi = 0, J' psi = 0, psi.psi - 1 = 0          nu (zero at a branch point), psi
 G       F = 0, flight from its impact to the touch = 0       the touch: its time, and the section
                                                              coordinates other than its velocity

@@ -327,7 +327,7 @@ class Kind(ABC):
             # rounding splits a double multiplier by its root, but leaves the product
             double = np.abs(others - self.multiplier) < math.sqrt(UNIT_CIRCLE_ROUNDING)
             split = here.multipliers[own[0]] / self.multiplier
-            others = np.where(double, split * others, others)
+            others[double] *= split
         return here.multipliers, int(count_unstable(others))
 
     def verdict(self, here: Linearisation, details: Details) -> Verdict:
@@ -621,7 +621,12 @@ class Resonance(CurveTest):
         """Of products with the critical one alone: two others may be a pair of their own."""
         values = here.orbit.multipliers
         critical = int(np.argmin(np.abs(values - self.multiplier)))
-        return neimark_sacker(values[critical] * np.delete(values, critical))
+        with np.errstate(invalid="ignore"):  # of infinite ones, where an impact is at rest
+            return neimark_sacker(values[critical] * np.delete(values, critical))
+
+    def enters(self, point: Point[CurvePoint], index: int) -> bool:
+        """Where an impact is at rest, multipliers pass through infinity."""
+        return bool(point.evaluation.orbit.resting)
 
     def accept(self, event: Event[CurvePoint]) -> bool:
         """Whether there is one eigenvector."""
@@ -631,17 +636,8 @@ class Resonance(CurveTest):
         return bool(sizes[-2] > ONE_EIGENVECTOR * sizes[0])
 
     def born(self, here: CurvePoint, index: int) -> list[CurveStart]:
-        """The curve of NS; with q the eigenvector, C(mu) q + C'(mu) mu q = 0 gives the next one."""
-        orbit, n = here.orbit, here.orbit.problem.n
-
-        def leaves(_: ExtendedSystem, own: Array) -> tuple[Array, Array]:
-            mu, q = float(np.sign(np.cos(own[-1]))), own[:n]
-            last = orbit.cyclic(1.0)[:, :n] - orbit.cyclic(0.0)[:, :n]
-            singular = orbit.cyclic(mu)[:, :n]
-            further = np.linalg.lstsq(singular, -mu * last @ q, rcond=ONE_EIGENVECTOR)[0]
-            return np.zeros(len(orbit.unknowns)), np.concatenate([0.0 * q, further, [1.0]])
-
-        return [CurveStart("NS", orbit, {}, leaves)]
+        """The curve of NS."""
+        return [CurveStart("NS", here.orbit)]
 
 
 class SecondEigenvector(Resonance):

@@ -1,7 +1,9 @@
 r"""NS: a complex pair of multipliers crosses the unit circle (Neimark and Sacker); a torus is born.
 
 The test function is the product of the pair minus one, without poles; located by bracketing. Its
-curves solve F = 0, C(e^{i theta}) q = 0 with q complex, |q| = 1, and the phase of q held.
+curves solve F = 0 and, with the states q_0, q_1, q_2 of three laps in the plane of the pair,
+C_0 q_k + C_1 q_{k+1} = 0, in which C(mu) = C_0 + mu C_1 and q_2 = 2 cos(theta) q_1 - q_0. All is
+real, and regular where the pair meets at 1 or -1, beyond which it is a neutral saddle.
 """
 
 from __future__ import annotations
@@ -65,42 +67,35 @@ class NeimarkSacker(OrbitTest):
 
 
 class SingularPair(ExtendedSystem):
-    """C(e^{i theta}) is singular. Its own unknowns are Re q, Im q and theta.
-
-    C(mu) = C0 + mu C1, with the last coupling in C1, so that its derivatives for a complex mu are
-    those for 0 and 1 put together.
-    """
+    """The plane of a pair with the product 1 and the sum 2 kappa; its own unknowns are q_0, q_1 and
+    kappa, the cosine of theta on the unit circle."""
 
     def start(self, here: Linearisation) -> Array:
-        self.phase, mu = null_pair(here)
-        return np.concatenate([self.phase.real, self.phase.imag, [np.angle(mu)]])
+        kappa = cosine_of_pair(here)
+        plane = np.linalg.svd(_plane(*_parts(here), kappa))[2][-2:]
+        self.phase = plane[0]
+        return np.append(plane[1], kappa)
 
     def assemble(self, here: Linearisation, own: Array) -> SystemEvaluation:
         n, orbit = self.problem.n, len(here.unknowns)
-        re, im, theta = own[:n], own[n : 2 * n], own[-1]
-        cos, sin = np.cos(theta), np.sin(theta)
+        one, two, kappa = own[:n], own[n : 2 * n], own[-1]
         first, last = _parts(here)
-        real, imaginary = first + cos * last, sin * last
+        plane = _plane(first, last, kappa)
         jacobian = np.zeros((3 * n + 2, orbit + 2 * n + 1))
         jacobian[:n, :orbit] = here.jacobian
-        (re_first, re_last), (im_first, im_last) = self._bent(here, re), self._bent(here, im)
-        jacobian[n : 2 * n, :orbit] = re_first + cos * re_last - sin * im_last
-        jacobian[2 * n : 3 * n, :orbit] = im_first + cos * im_last + sin * re_last
-        jacobian[n : 3 * n, orbit:-1] = np.block([[real, -imaginary], [imaginary, real]])
-        jacobian[n : 2 * n, -1] = -last @ (sin * re + cos * im)
-        jacobian[2 * n : 3 * n, -1] = last @ (cos * re - sin * im)
+        (one_first, one_last), (two_first, two_last) = self._bent(here, one), self._bent(here, two)
+        jacobian[n : 2 * n, :orbit] = one_first + two_last
+        jacobian[2 * n : 3 * n, :orbit] = two_first + 2.0 * kappa * two_last - one_last
+        jacobian[n : 3 * n, orbit:-1] = plane
+        jacobian[2 * n : 3 * n, -1] = 2.0 * last @ two
         jacobian[3 * n, orbit:-1] = own[:-1]
-        jacobian[3 * n + 1, orbit:-1] = np.concatenate([-self.phase.imag, self.phase.real])
-        residual = [
-            here.residual,
-            real @ re - imaginary @ im,
-            real @ im + imaginary @ re,
-            [0.5 * (own[:-1] @ own[:-1] - 1.0), self.phase.real @ im - self.phase.imag @ re],
-        ]
-        return SystemEvaluation(np.concatenate(residual), jacobian)
+        jacobian[3 * n + 1, orbit:-1] = self.phase
+        length = 0.5 * (own[:-1] @ own[:-1] - 1.0)
+        added = [*(plane @ own[:-1]), length, self.phase @ own[:-1]]
+        return SystemEvaluation(np.append(here.residual, added), jacobian)
 
     def _bent(self, here: Linearisation, q: Array) -> tuple[Array, Array]:
-        """The derivatives of C0 q and of C1 q."""
+        """The derivatives of C_0 q and of C_1 q."""
         problem = self.problem
         along = np.concatenate([q, np.zeros(problem.free)])
         first = problem.second_along(here.unknowns, along, 0.0)
@@ -108,16 +103,21 @@ class SingularPair(ExtendedSystem):
 
     def rounding(self, here: Linearisation, own: Array) -> Array:
         bounds, n = rounding(here), self.problem.n
-        largest = np.abs(own[:n]) + np.abs(own[n : 2 * n])
-        matrix, errors = np.abs(here.cyclic(1.0)[:, :n]), bounds.cyclic(1.0)[:, :n]
-        product = rounding_of_product(matrix, errors, largest)
+        first, last = _parts(here)
+        matrix = np.abs(_plane(np.abs(first), np.abs(last), 1.0))
+        errors = bounds.cyclic(1.0)[:, :n]
+        product = rounding_of_product(matrix, _plane(errors, errors, 1.0), np.abs(own[:-1]))
         length = rounding_of_length(own[:-1])
-        return np.concatenate([bounds.residual, product, product, [length, length]])
+        return np.concatenate([bounds.residual, product, [length, length]])
 
 
-def null_pair(here: Linearisation) -> tuple[Array, complex]:
-    """Return the null vector of the pair of multipliers nearest to the unit circle, and the one of
-    them above the real axis, on the circle.
+def _plane(first: Array, last: Array, kappa: float) -> Array:
+    """The matrix that takes (q_0, q_1) to the equations of two laps."""
+    return np.block([[first, last], [-last, first + 2.0 * kappa * last]])
+
+
+def cosine_of_pair(here: Linearisation) -> float:
+    """Return cos(theta) of the pair of multipliers nearest to the unit circle.
 
     Raises numpy.linalg.LinAlgError if there is no pair.
     """
@@ -128,9 +128,7 @@ def null_pair(here: Linearisation) -> tuple[Array, complex]:
     if not len(pairs):
         raise np.linalg.LinAlgError("no complex pair of multipliers")
     mu = pairs[np.argmin(np.abs(np.abs(pairs) - 1.0))]
-    mu = complex(mu / abs(mu))
-    first, last = _parts(here)
-    return np.linalg.svd(first + mu * last)[2][-1].conj(), mu
+    return float(mu.real / abs(mu))
 
 
 def _parts(here: Linearisation) -> tuple[Array, Array]:
@@ -147,7 +145,7 @@ class RealPair(TestFunction):
 
     def values(self, point: Point) -> Array:
         here: CurvePoint = point.evaluation
-        return np.array([np.sin(here.own[-1])])
+        return np.array([1.0 - here.own[-1] ** 2])
 
 
 class StrongResonance(CurveTest):
@@ -158,7 +156,7 @@ class StrongResonance(CurveTest):
         self.changes = f"the multipliers are roots of one of order {order}: a strong resonance"
 
     def of(self, here: CurvePoint) -> float:
-        return float(np.cos(here.own[-1]) - np.cos(2.0 * np.pi / self.order))
+        return float(here.own[-1] - np.cos(2.0 * np.pi / self.order))
 
 
 @declared(place=4, curves=True, second=True, tori=True)
@@ -177,7 +175,9 @@ class NS(Kind):
         return SingularPair(problem)
 
     def in_many_digits(self, orbit: Equations, unknowns: Array, details: Details) -> System:
-        return orbit.singular_pair(*null_pair(orbit.problem.evaluate(unknowns)))
+        system = SingularPair(orbit.problem)
+        own = system.start(orbit.problem.evaluate(unknowns))
+        return orbit.singular_pair(system.phase, own)
 
     def passed(self, multiplier: float | None) -> bool:
         return multiplier is None
@@ -187,6 +187,10 @@ class NS(Kind):
 
     def curve_limits(self) -> Mapping[EndKind, TestFunction]:
         return {EndKind.RESONANCE: RealPair()}
+
+    def curve_end(self, own: Array) -> EndKind | None:
+        """Beyond the resonance the multipliers are real."""
+        return EndKind.RESONANCE if abs(own[-1]) > 1.0 else None
 
     def codimension_two(self, word: Word) -> list[TestFunction]:
         grazes, stops = GrazingCoincides(self.name), StopCoincides(self.name)

@@ -269,7 +269,7 @@ def _first_curve_point(
     for distance in BESIDE:
         guess = middle + distance * tangent
         solved = correct(curve, guess, tangent / scale**2, scale, CURVE_SETTINGS).evaluation
-        if not isinstance(solved, CurvePoint):
+        if not isinstance(solved, CurvePoint) or curve.kind.curve_end(solved.own):
             continue
         names = curve.orbit.kernels.parameters
         values = [solved.parameter(name) for name in names]

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from zoo import scene
+from zoo import ROOT, scene
 
 from contimpact.bifurcations.kind import Resonance, kind_of
 from contimpact.bifurcations.torus import NS
@@ -19,6 +19,7 @@ from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
+from contimpact.results.catalogue import load_entries
 from contimpact.segments.kernels import Kernels
 from contimpact.systems.oscillator import Oscillator
 
@@ -129,12 +130,12 @@ def test_it_begins_at_the_resonance():
     start = Resonance("R1" if mu > 0 else "R2", mu).born(_At(here), 0)[0]
     system = NS().equations(problem, {})
     own = system.start(here)
-    assert own[-1] == pytest.approx(0.0 if mu > 0 else math.pi, abs=1e-3)
-    _, moved = start.leaves(system, own)
-    step = 1e-2
-    beside = own + step * moved
-    off = system.assemble(here, beside).residual
-    assert np.max(np.abs(off)) < 10.0 * step**2
+    assert own[-1] == pytest.approx(mu, abs=1e-6)
+    at = system.assemble(here, own)
+    assert np.max(np.abs(at.residual)) < 1e-7
+    sizes = np.linalg.svd(at.jacobian, compute_uv=False)
+    assert sizes[-1] > 1e-4 * sizes[0]  # regular there: the curve goes on to neutral saddles
+    assert start.leaves is None
 
 
 RESONANCES = {
@@ -206,3 +207,19 @@ class _Orbit:
 @dataclasses.dataclass
 class _At:
     orbit: object
+
+
+def test_it_ends_where_its_pair_meets_and_does_not_come_back():
+    """The impact damper: with an angle among the unknowns the equations were singular at its R1,
+    which was missed, and the curve ran back along itself."""
+    entries = load_entries(ROOT / "branches" / "impact_damper")
+    entry = next(e for e in entries if e.kind == "NS")
+    curve = follow_curve(entry, None, "Omega", (20.0, 30.0), (0.9, 1.05))
+    assert curve.missed == []
+    (row,) = (k for k, end in zip((0, -1), curve.ends, strict=True) if end.kind.name == "RESONANCE")
+    second, third = (
+        complex(curve[f"multiplier{i}_re"][row], curve[f"multiplier{i}_im"][row]) for i in (2, 3)
+    )
+    assert second + third == pytest.approx(2.0, abs=1e-9)
+    assert second * third == pytest.approx(1.0, abs=1e-9)
+    assert np.count_nonzero(np.abs(curve["multiplier2_im"]) < 0.02) == 1
