@@ -15,6 +15,7 @@ import itertools
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -399,14 +400,12 @@ def _multipliers(points: Points) -> Array:
     return np.where(np.isfinite(values), values, np.nan)
 
 
-def _fold_values(points: Points) -> Array:
-    values = _multipliers(points)
-    return np.prod((1.0 - values) / (1.0 + np.abs(values)), axis=1).real[:, None]
-
-
-def _doubling(points: Points) -> Array:
-    values = _multipliers(points)
-    return np.prod((1.0 + values) / (1.0 + np.abs(values)), axis=1).real[:, None]
+def _apart_from(multiplier: float, points: Points) -> Array:
+    """A bounded function that vanishes where a multiplier has this value; NaN where one is
+    infinite."""
+    values = multiplier * _multipliers(points)
+    with np.errstate(invalid="ignore"):
+        return np.prod((1.0 - values) / (1.0 + np.abs(values)), axis=1).real[:, None]
 
 
 def _torus(points: Points) -> Array:
@@ -432,8 +431,8 @@ def _velocities(points: Points) -> Array:
 
 
 VANISHING: dict[str, Callable[[Points], Array]] = {
-    "FB": _fold_values,
-    "PD": _doubling,
+    "FB": partial(_apart_from, 1.0),
+    "PD": partial(_apart_from, -1.0),
     "NS": _torus,
     "G": _gaps,
     "V": _velocities,
