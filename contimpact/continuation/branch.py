@@ -526,7 +526,9 @@ def _move_point(point: Point, sign: float, origin: float) -> Point:
 def join_walks(backward: Walk, forward: Walk) -> tuple[Points, list[Event]]:
     """Join two walks that left one point in opposite directions into one run along the branch.
 
-    Arclength starts from zero where the backward walk ended; tangents all point forward.
+    Arclength starts from zero where the backward walk ended; tangents all point forward. Where the
+    branch turns on a limit of the range, both walks from there find the event there: it is kept
+    once.
     """
     origin = backward.points[-1].arclength
     first = Points(backward.points).moved(-1.0, origin)[::-1]
@@ -536,8 +538,17 @@ def join_walks(backward: Walk, forward: Walk) -> tuple[Points, list[Event]]:
         replace(e, point=_move_point(e.point, sign, origin))
         for sign, found in ((-1.0, backward.events[::-1]), (1.0, forward.events))
         for e in found
+        if sign > 0.0 or not any(_is_same(e, other) for other in forward.events)
     ]
     return points, order_events(events)
+
+
+def _is_same(event: Event, other: Event) -> bool:
+    """Whether events of two walks from one point are one event, at that point."""
+    at_start = event.point.arclength + other.point.arclength
+    difference, error = event.parameter - other.parameter, event.error + other.error
+    named = [(e.kind, e.details.get("index")) for e in (event, other)]
+    return named[0] == named[1] and same_place(at_start, difference, error)
 
 
 # Test functions: functions of the points of a branch whose zeros are events.

@@ -126,6 +126,18 @@ def test_events_of_one_place_have_one_arclength(apart):
     assert found[0].point.arclength == found[1].point.arclength
 
 
+@pytest.mark.parametrize(("index", "number"), [(0, 1), (1, 2)])
+def test_an_event_that_two_walks_find_at_their_start_is_one(index, number):
+    """Where the branch turns on a limit of the range, both walks lead inside."""
+    end = End(EndKind.RANGE, 0.0, "")
+    walks = [
+        Walk(mixed(), [Event("FB", point_at(0), 0.0, 1e-15, "newton", {"index": i})], end)
+        for i in (0, index)
+    ]
+    _, found = join_walks(*walks)
+    assert [event.kind for event in found] == ["FB"] * number
+
+
 @pytest.mark.full
 def test_a_watched_walk_keeps_no_objects(pair, kernel_cache):
     """Bytes for each point of a branch: its numbers, not the objects made of them."""
