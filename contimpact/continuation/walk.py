@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -147,6 +148,12 @@ def lies_on_step(new: Point, step: Arc) -> bool:
     """Whether a point on a limit lies on the step that passed it."""
     turned = angle(step.left.tangent, new.tangent, step.scale)
     return new.arclength <= step.right.arclength and turned <= step.settings.max_angle
+
+
+def is_at(event: Event, limit: float) -> bool:
+    """Whether an event lies on a limit, within its error."""
+    slack = event.error + 4.0 * EPSILON * abs(event.parameter)
+    return abs(event.parameter - limit) <= slack
 
 
 @dataclass(frozen=True)
@@ -579,6 +586,9 @@ class _Walker:
                 if last.arclength > here.arclength:
                     return step, self.record(piece, EndKind.RANGE)
                 return step, self.end(EndKind.RANGE)
+            crossing = self.crossing_on_limit(arc, proposal.piece)
+            if crossing is not None:
+                return step, self.record(crossing, EndKind.RANGE)
             refused = RefusalDetails(Refusal.NO_LIMIT)
         if refused is None:
             start = self.closing(arc) if Notice.NEAR_START in proposal.notices else None
@@ -590,6 +600,18 @@ class _Walker:
             return other, None
         floor = self.numerics(here).min_step
         return (shorten_step(step, floor), None) if step > floor else self.look_about(step, refused)
+
+    def crossing_on_limit(self, arc: Arc, piece: Point | Block) -> Point | None:
+        """The point on a limit at which a step passes an event, if there is one: where branches
+        cross, none is solved for."""
+        seen = self.tested(piece, Points([piece]), None)
+        marked = seen.noteworthy(self.backend.look)
+        found, _ = find_events(self.tests, arc, seen.stretch(0, marked[0])) if marked else ([], [])
+        for event, limit in itertools.product(found, self.limits):
+            if is_at(event, limit):
+                unknowns = np.append(event.point.unknowns[:-1], limit)
+                return arc.event_point(self.problem.evaluate(unknowns), event.point.iterations)
+        return None
 
     def instead(self, step: float, reached: Point) -> float:
         """The step to try instead of one that has reached a point hidden by a crossing: first one
@@ -706,8 +728,7 @@ class _Walker:
     def in_range(self, event: Event) -> bool:
         """Whether an event lies within the limits, or within its error of one."""
         low, high = self.limits
-        slack = event.error + 4.0 * EPSILON * abs(event.parameter)
-        return low - slack <= event.parameter <= high + slack
+        return low <= event.parameter <= high or is_at(event, low) or is_at(event, high)
 
     def at_start(self, event: Event, again: float) -> bool:
         """Whether an event is at the branch point the walk left: rounding finds that again.

@@ -378,12 +378,24 @@ def _orbit_beside(
     limits: tuple[float, float],
     settings: Settings,
 ) -> Array:
-    """The orbit one step from a branch point along one of the two branches that cross there."""
+    """The orbit one step from a branch point along one of the two branches that cross there.
+
+    On a limit of the range only one direction leads to it.
+    """
     first = dataclasses.replace(settings, max_points=2)
-    probe = walk_orbits(
-        problem, unknowns, +1, limits=limits, settings=first, tangent=tangent, branching=True
-    )
-    return probe.points[-1].unknowns if probe.points else unknowns
+    for direction in (+1, -1):
+        probe = walk_orbits(
+            problem,
+            unknowns,
+            direction,
+            limits=limits,
+            settings=first,
+            tangent=tangent,
+            branching=True,
+        )
+        if len(probe.points) > 1:
+            return probe.points[-1].unknowns
+    return unknowns
 
 
 def tests_of_events(

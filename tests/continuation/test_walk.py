@@ -550,6 +550,22 @@ def test_a_branch_point_is_located_by_the_orientation(start, max_step):
     assert found.missed == []
 
 
+@pytest.mark.parametrize("start", [-1.0, 1.0, -0.3, 0.5])
+@pytest.mark.parametrize("max_step", [0.02, 0.3])
+def test_a_branch_point_on_the_limit_ends_the_walk_there(start, max_step):
+    found = follow(
+        pitchfork_in_two(),
+        [0.0, 0.0, start],
+        -1 if start > 0.0 else 1,
+        limits=(min(start, 0.0), max(start, 0.0)),
+        tests=[Turning(), Crossing()],
+        settings=Settings(max_step=max_step),
+    )
+    assert (found.end.kind, found.end.value) == (EndKind.RANGE, 0.0)
+    assert found.points[-1].unknowns == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
+    assert kinds(found) == ["BP"]
+
+
 def test_the_curved_branch_passes_the_branch_point_too():
     """Along p = x^2 the parameter turns exactly where the branches cross."""
     found = follow(pitchfork_in_two(), [1.0, 1.0, 1.0], -1, limits=(-1.0, 1.0))

@@ -156,3 +156,23 @@ def test_random_doubled_orbits_make_no_false_loop(pair, seed):
         later = branch.times[:, 2:] - branch.times[:, :2] - 2.0
         apart = np.max(np.abs(np.hstack([later, np.diff(branch.velocities[:, ::2])])), axis=1)
         assert np.all(apart[1:-1] > 1e-7)
+
+
+@pytest.mark.parametrize("kind", ["FB", "BP", "G", "V"])
+def test_events_on_the_limit_of_a_range_are_found_from_their_orbits(kind):
+    """The range is cut in two at the event; its parts have all that the whole has."""
+    asked = ("FB", "BP", "PD", "G", "V")
+    orbit = find_orbits(level(s=0.5), "1:1", parameter="s")[0]
+    whole = continue_orbit(orbit, range=(0.1, 1.5), events=asked)
+    event = next(e for e in whole.events if e.kind == kind)
+    number = sum(e.kind == kind and abs(e.value - event.value) < 1e-12 for e in whole.events)
+    parts = [
+        continue_orbit(event, range=limits, events=asked)
+        for limits in ((0.1, event.value), (event.value, 1.5))
+    ]
+    for branch in parts:
+        assert {e.kind for e in branch.ends} == {EndKind.RANGE}
+    here = [[e for e in b.events if e.kind == kind] for b in parts]
+    at = [[e for e in some if abs(e.value - event.value) < 1e-12] for some in here]
+    # the branch does not leave the fold upwards
+    assert [len(some) for some in at] == [number, 0 if kind == "FB" else number]
