@@ -493,6 +493,9 @@ VANISHING = 1e-9
 """A section coordinate that is below this part of its largest along the flights at all impacts
 vanishes there: it is rounding."""
 
+RESTING = 1e-12
+"""A velocity that is below this part of its position in a wave of the forcing is rounding."""
+
 
 class OrbitProblem:
     """The equations of one word in one free parameter, or two.
@@ -828,9 +831,9 @@ class OrbitProblem:
 
         Times are measured in waves of the forcing, velocities in the largest along the flights,
         other section coordinates in the largest at the impacts, or, where they vanish at all of
-        them, in the largest along the flights; all averaged over the impacts on surfaces of one
-        gap coordinate, since others have their own units. The free parameters are measured in
-        `span`.
+        them, in the largest along the flights, and the velocity of what rests by its position in a
+        wave; all averaged over the impacts on surfaces of one gap coordinate, since others have
+        their own units. The free parameters are measured in `span`.
         """
         impacts, one = np.abs(self.impacts(unknowns)), np.ones((len(self.word), self.m))
         one[:, 0] = self.period(unknowns) / self.mean_order(self.values(unknowns))
@@ -843,6 +846,9 @@ class OrbitProblem:
                 speed, others = along[row]
                 sizes[0] = max(sizes[0], speed)
                 sizes[1:] = np.where(sizes[1:] > VANISHING * others, sizes[1:], others)
+                resting = sizes[1::2] / one[0, 0]
+                moves = sizes[2::2] > RESTING * resting
+                sizes[2::2] = np.where(moves, sizes[2::2], resting)
             one[place, 1:] = np.where(sizes > 0, sizes, 1.0)
         return np.append(one * math.sqrt(len(self.word)), np.full(self.free, span))
 
