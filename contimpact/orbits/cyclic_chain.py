@@ -26,9 +26,11 @@ from ..segments.oscillation import (
     FollowedFlight,
     excursions,
     follow_all,
+    gap_at_rest,
     motion_of_gap,
     speed_at_end,
 )
+from ..segments.touches import BRIEF
 from .block_cyclic import POSITIONS, arrival_rate, largest_residual, store
 from .quiet import AGAIN, BEYOND
 from .status import scale_determinant, verdict
@@ -579,6 +581,11 @@ def measure_section(follow: Follow, orbit: ChainVectors, z: Vector, row: Vector,
                 if not abs(slow) >= abs(slowest):
                     slowest = slow
     for j in range(walls):
+        watched = told and orbit.watched[walls * orbit.word[0] + j] & WATCHED != 0
+        if watched and orbit.gaps[j] != orbit.gaps[j]:  # it does not turn: it is at rest
+            begin = orbit.forces[len(orbit.forces) - counts[COORDINATES] + orbit.measured[j]]
+            orbit.gaps[j] = orbit.sides[j] * (orbit.fixed[0][POSITIONS + j] - begin)
+            orbit.times[j] = 0.0
         row[at + j] = orbit.gaps[j]
         if orbit.times[j] >= (1.0 + AGAIN) * orbit.clock[0]:
             orbit.times[j] -= orbit.clock[0]
@@ -633,13 +640,20 @@ def touches_of(
         motion_of_gap, head, orbit.steps, length, speed, leaving, side, breaks, 0.0, math.inf
     )
     begin = orbit.forces[len(orbit.forces) - coordinates + g]
+    others = orbit.measured[left] != g and orbit.measured[reached] != g
+    others, moved = others and length > BRIEF * orbit.clock[0], 0.0
+    if others:
+        moved, _, _ = motion_of_gap(head, length, orbit.steps)
     for j in range(walls):
         if orbit.measured[j] == g and orbit.watched[walls * left + j] & WATCHED != 0:
-            gap, dt = orbit.fixed[0][POSITIONS + j] - begin, when_high
+            position, dt = orbit.fixed[0][POSITIONS + j], when_high
+            gap = position - begin
             if orbit.sides[j] > 0.0:
                 gap -= high
             else:
                 gap, dt = low - gap, when_low
+            if others and gap != gap:
+                gap, dt = gap_at_rest(orbit.sides[j], position, begin, moved, low, high), 0.0
             orbit.gaps[walls * k + j], orbit.times[walls * k + j] = gap, start + dt
     return slow
 

@@ -219,6 +219,17 @@ def problem_in(parameter: str, model: Model, here: Linearisation) -> tuple[Orbit
     return problem, np.concatenate([here.unknowns[: problem.n], free])
 
 
+def _or_at_rest(found: Excursion, place: float) -> Excursion:
+    """Return the extrema of a gap coordinate in a period; one that has no maximum or no minimum is
+    at rest in its place."""
+    high, when_high, low, when_low, slowest = found
+    if math.isnan(high):
+        high, when_high = place, 0.0
+    if math.isnan(low):
+        low, when_low = place, 0.0
+    return high, when_high, low, when_low, slowest
+
+
 class QuietProblem(OrbitProblem):
     """The equations of orbits without impacts; see `OrbitProblem`."""
 
@@ -330,7 +341,8 @@ class QuietProblem(OrbitProblem):
         for row in watched:
             curve = track.along(row)
             ends = (length, curve((), length, ())[1], 0.0, 0.0)
-            found[row] = excursions(curve, (), (), *ends, curve.breaks(), 0.0, math.inf)
+            turns = excursions(curve, (), (), *ends, curve.breaks(), 0.0, math.inf)
+            found[row] = _or_at_rest(turns, curve((), 0.0, ())[0])
         return found
 
     def _track(
@@ -359,7 +371,8 @@ class QuietProblem(OrbitProblem):
 
         arriving = motion(state, length, values)[1]
         ends = (length, arriving, 0.0, 0.0)
-        return excursions(motion, state, values, *ends, breaks, 0.0, math.inf)
+        turns = excursions(motion, state, values, *ends, breaks, 0.0, math.inf)
+        return _or_at_rest(turns, motion(state, 0.0, values)[0])
 
     def first_lap(self, unknowns: Array) -> tuple[QuietProblem, Array]:
         """Return an orbit as one of its shortest period, itself if it repeats none."""

@@ -131,6 +131,24 @@ def speed_at_end(end: Moved, length: float) -> float:
     return math.copysign(SMALLEST, acceleration) if turned else speed
 
 
+AT_REST = 1e-12
+"""Part of its position by which a coordinate at rest may move, by rounding."""
+
+
+def gap_at_rest(
+    side: float, position: float, begin: float, moved: float, low: float, high: float
+) -> float:
+    """Return the gap to a wall of a coordinate that rests from `begin` to the end of a flight.
+
+    Not a number where it has moved there, or to its extrema, by more than rounding; zero where it
+    rests on the wall.
+    """
+    least = AT_REST * (abs(position) + abs(begin))
+    rests = abs(moved) <= least and not (abs(low) > least or abs(high) > least)
+    gap = side * (position - begin) if abs(position - begin) > least else 0.0
+    return gap if rests else math.nan
+
+
 def velocity_zero(
     motion: Motion,
     head: Vector,

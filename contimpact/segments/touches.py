@@ -19,7 +19,7 @@ from ..models.guards import Guard, Row, slides_at, state_before
 from ..models.model import Model
 from .flight import FlightGaps, Touch, breaks_of, flight_gaps, smallest_gap, touch_of
 from .kernels import Kernels
-from .oscillation import SMALLEST, Motion, excursions, speed_at_end
+from .oscillation import SMALLEST, Excursion, Motion, excursions, gap_at_rest, speed_at_end
 from .segment import ELSEWHERE, Kernel
 from .track import track_between, track_of
 
@@ -163,7 +163,7 @@ def interior_touches(
                 other = linear_flight if kernels.linear(wall) else other_flight
                 motions = other(kernels, wall, leave, length, values)
             flown.append(Flight(k, ends, leave[0], length, arrive[1], motions))
-            touches, slowest = _touches(kernels, flown[-1], positions)
+            touches, slowest = _touches(kernels, flown[-1], positions, span)
             guard = kernels.model.WALLS[ends[0]]
             begun = (
                 *not_past(kernels, guard, leave, values, positions),
@@ -238,9 +238,10 @@ def other_flight(
 
 
 def _touches(
-    kernels: Kernels, flight: Flight, positions: Sequence[float]
+    kernels: Kernels, flight: Flight, positions: Sequence[float], span: float
 ) -> tuple[list[Touch | None], float]:
-    """The nearest touch of each wall, and the slowest turn."""
+    """The nearest touch of each wall, and the slowest turn. A coordinate that rests while others
+    move is as near as ever."""
     guards, passages = kernels.model.WALLS, kernels.passages
     number, (left, reached), start, length, arriving, motions = flight
     touches: list[Touch | None] = [None] * len(positions)
@@ -251,12 +252,25 @@ def _touches(
         speed = arriving if here else speed_at_end(motion((), length, ()), length)
         sides = leaving, float(guards[reached].side) if here else 0.0
         found = excursions(motion, (), (), length, speed, *sides, breaks, 0.0, math.inf)
+        others = not here and left not in numbers and length > BRIEF * span
         for i in numbers:
             if passages.watched[left][i] and not guards[i].past:
                 touches[i] = touch_of(number, start, guards[i], positions[i], found)
+                if others and touches[i] is None:
+                    touches[i] = _at_rest(flight, motion, guards[i], positions[i], found)
         if not abs(found[4]) >= abs(slowest):
             slowest = found[4]
     return touches, slowest
+
+
+def _at_rest(
+    flight: Flight, motion: Motion, guard: Guard, position: float, found: Excursion
+) -> Touch | None:
+    """The gap of a coordinate that rests on a flight, as a touch where it begins."""
+    begin, end = motion((), 0.0, ())[0], motion((), flight.length, ())[0]
+    extrema = found[2] - begin, found[0] - begin
+    gap = gap_at_rest(float(guard.side), position, begin, end - begin, *extrema)
+    return None if math.isnan(gap) else Touch(flight.number, guard.name, flight.start, gap)
 
 
 def violated_guards(
