@@ -46,6 +46,10 @@ KEPT = 15
 BRIEF = 0.01
 """Part of an orbit's period below which a flight that can vanish is a brief one."""
 
+VANISHED = 1e-6
+"""Part of an orbit's period below which rounding decides on a duration, and on what is divided by
+it."""
+
 Reduced: TypeAlias = tuple[float, ...]
 """Result of `eliminate`."""
 
@@ -214,8 +218,8 @@ def arrival_rate(z: Vector, k: int, m: int, arrivals: Vector, span: float, slope
     """Return the derivative of the arrival of flight k by its time, from m unknowns per impact.
 
     It is the velocity, and on flights back to the surface left the velocity over the duration.
-    `slope`, what the kernel says, stands where that is zero, or about to vanish with the velocity,
-    and for flights to the section, whose ends have no time.
+    `slope`, what the kernel says, stands where that is zero within rounding, or about to vanish
+    with the velocity, and for flights to the section, whose ends have no time.
     """
     if arrivals[k] == AT_SECTION:
         return slope
@@ -226,7 +230,7 @@ def arrival_rate(z: Vector, k: int, m: int, arrivals: Vector, span: float, slope
     duration = (z[0] + span if last else z[m * (k + 1)]) - z[m * k]
     if arrivals[k] == MEETING and abs(duration) < BRIEF * span:
         return slope
-    return velocity / duration if duration != 0.0 else slope
+    return velocity / duration if abs(duration) > VANISHED * span else slope
 
 
 def border(kept: Table, count: int, row: Vector, g: float) -> tuple[float, float, float, float]:

@@ -441,6 +441,18 @@ def test_reversals_without_sticking_end_where_friction_can_hold_the_body(eta, ne
     assert first.sliding == "crossing-sliding"
 
 
+def test_an_orbit_with_a_flight_that_has_just_vanished_is_followed_from_there():
+    """The derivative of the arrival by its time is a velocity over a duration, and both are zero
+    within rounding."""
+    diagram = ci.load(BRANCHES / "dry_friction")
+    event = next(e for e in diagram.entries if e.kind == "T" and e.branch == "b2")
+    orbit = event.orbit()
+    assert orbit.multipliers == pytest.approx([complex(*m) for m in event.multipliers], rel=1e-9)
+    branch = ci.continue_orbit(event, range=(0.7, 1.25), events=["G", "T"])
+    assert {end.value for end in branch.ends} == {0.7}
+    assert [e.value for e in branch.events if e.kind == "T"] == pytest.approx([event.value])
+
+
 def test_an_orbit_that_sticks_twice_is_that_of_dop853():
     model = shipped("dry_friction", omega=0.72)
     orbit = next(
