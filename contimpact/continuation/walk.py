@@ -98,6 +98,13 @@ def is_interrupted(ends: Iterable[End]) -> bool:
     return any(end.kind is EndKind.INTERRUPTED for end in ends)
 
 
+def reraise_interruption(ends: Iterable[End]) -> None:
+    """Let an interruption go on that has ended a branch or a curve, now that this is kept or not
+    wanted."""
+    if is_interrupted(ends):
+        raise KeyboardInterrupt
+
+
 def retry_interrupted(make: Callable[[], T]) -> T:
     """Return what is made, begun again if it is interrupted.
 

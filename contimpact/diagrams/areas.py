@@ -21,6 +21,7 @@ from ..bifurcations.doubling import PD
 from ..bifurcations.grazing import G
 from ..bifurcations.kind import test_functions
 from ..continuation.branch import EndKind
+from ..continuation.walk import reraise_interruption
 from ..models.model import Model
 from ..models.word import Word
 from ..orbits.orbit import Orbit
@@ -92,7 +93,10 @@ class _Family:
         new = continue_born(
             entry, self.model, scene.range, events=scene.events, settings=scene.settings, name=name
         )
-        return None if new is None else self.named(new, name)
+        if new is None:
+            return None
+        reraise_interruption(new.ends)
+        return self.named(new, name)
 
     def doubled(self, entry: Entry, name: str, depth: int) -> list[Branch]:
         """The branch born at a period doubling, and those born on it in turn."""

@@ -16,7 +16,7 @@ from ..bifurcations.crisis import Connected, Connection, error_of, solve
 from ..bifurcations.extended_system import EPSILON
 from ..continuation.branch import End, EndKind, Event, Point, Points
 from ..continuation.settings import Settings
-from ..continuation.walk import walk
+from ..continuation.walk import reraise_interruption, walk
 from ..errors import InputError, explain_arguments
 from ..models.model import Model
 from ..models.word import Word
@@ -198,7 +198,14 @@ def _window(sweep: Sweep, row: Row, wide: Row, laps: int, kernels: Kernels) -> B
     with suppress(InputError):
         values.append(model.require(sweep.parameter, "range").check(fold, "range"))
     span = min(values), max(values)
-    return continue_orbit(Orbit(problem, found), range=span, events=("FB",), unphysical=False)
+    return _followed(Orbit(problem, found), span, ("FB",))
+
+
+def _followed(orbit: Orbit, span: tuple[float, float], events: Sequence[str]) -> Branch:
+    """The branch of an orbit, whole: what an interruption leaves of one decides nothing."""
+    branch = continue_orbit(orbit, range=span, events=events, unphysical=False)
+    reraise_interruption(branch.ends)
+    return branch
 
 
 Unstable = list[tuple[Orbit, str | None]]
@@ -261,7 +268,7 @@ def _takeover(sweep: Sweep, before: Row, after: Row) -> tuple[Entry | None, str]
         orbit: Orbit | None = motion.orbit(sweep.model, parameter)
         while orbit is not None:
             low, high = sorted((before.value, orbit.value))
-            branch = continue_orbit(orbit, range=(low, high), events=ENDS, unphysical=False)
+            branch = _followed(orbit, (low, high), ENDS)
             start = int(np.argmin(np.abs(branch[parameter] - orbit.value)))
             begun = branch["arclength"][start]
             apart = [(abs(e.arclength - begun), e) for e in branch.events if not e.ghost]

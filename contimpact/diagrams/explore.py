@@ -22,6 +22,7 @@ from ..arrays import Array
 from ..bifurcations.kind import Start, kind_of, primitive_start, switch, test_functions
 from ..continuation.branch import End, EndKind, Event, TestFunction
 from ..continuation.settings import Settings
+from ..continuation.walk import is_interrupted, reraise_interruption
 from ..errors import InputError, explain_arguments, short_repr
 from ..models.word import Word
 from ..orbits.orbit import Orbit
@@ -401,6 +402,8 @@ class _Explorer:
             self.record(entry, known)
         else:
             self.keep(run, name, entry, birth.depth, began)
+            return
+        reraise_interruption([run] if isinstance(run, End) else run.ends)
 
     def note(self, entry: Entry, text: str) -> None:
         self.notes.append(f"{_entry_text(entry)}: {text}")
@@ -486,7 +489,7 @@ class _Explorer:
         self.seconds["walk"] += walked - began - in_events
         first = 1 + sum(len(branch.events) for branch in self.branches)
         origin = entry.id if entry else None
-        interrupted = run.interrupted
+        interrupted = is_interrupted(run.ends)
         try:
             branch = run.branch(name, origin, first, kinds=self.scene.events)
         except KeyboardInterrupt:  # the branch is walked, after all

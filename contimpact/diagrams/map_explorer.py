@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from ..bifurcations.requested import RequestedValues
 from ..continuation.branch import End, EndKind, Event, Point, TestFunction
 from ..continuation.corrector import correct, first_tangent, length
 from ..continuation.settings import Settings
-from ..continuation.walk import Options, is_interrupted
+from ..continuation.walk import Options, reraise_interruption
 from ..errors import InputError, explain_arguments
 from ..models.model import Model
 from ..models.word import Word
@@ -330,8 +330,7 @@ class Covering:
         for through in (run_through, run_with):
             run = through(own.scene, there, entry, own.kernels)
             own.evaluations += run.problem.kernel_evaluations
-            if run.interrupted:
-                raise KeyboardInterrupt
+            reraise_interruption(run.ends)
             own.start_from(run, there, self.fixed)
             if self.covered(entry):
                 return ""
@@ -492,7 +491,7 @@ class _CurveExplorer:
                     self.progress(f"{name} = {value:.6g}: branch of {scene.parameter}")
                     members.append(self.branch_at(model, *reached[value]))
                     self.branches.append(members[-1])
-                    _go_on(members[-1].ends)
+                    reraise_interruption(members[-1].ends)
             yield {name: value}, model, members
 
     def carry(
@@ -590,7 +589,7 @@ class _CurveExplorer:
         if any(end.kind is EndKind.POINTS for end in curve.ends):
             most = self.options.settings.max_points
             self.limits.reached("curves.max_points", most, "curves ended by it", curve.id)
-        _go_on(curve.ends)
+        reraise_interruption(curve.ends)
 
     def uncovered(self) -> str:
         """What a map without lines leaves out."""
@@ -754,12 +753,6 @@ class _CurveExplorer:
 def is_on_edge(value: float, limits: tuple[float, float]) -> bool:
     """Whether a value lies on a limit of its range."""
     return min(value - limits[0], limits[1] - value) <= ON_EDGE * (limits[1] - limits[0])
-
-
-def _go_on(ends: Iterable[End]) -> None:
-    """Let an interruption go on that has ended a branch or a curve, now that this is kept."""
-    if is_interrupted(ends):
-        raise KeyboardInterrupt
 
 
 def _concerns(check: Check, word: Word, fixed: Mapping[str, float]) -> bool:

@@ -25,6 +25,7 @@ from ..bifurcations.kind import kind_of, primitive_start, switch, test_functions
 from ..continuation.branch import End, EndKind, Event, Points, TestFunction
 from ..continuation.corrector import correct, first_tangent
 from ..continuation.settings import Settings
+from ..continuation.walk import reraise_interruption
 from ..models.model import Model
 from ..models.word import Word, is_rotation
 from ..orbits.orbit import Orbit
@@ -94,8 +95,7 @@ def run_along(
         for orbit in found:
             if wanted(orbit) and not any(run.holds(orbit.unknowns) for run in runs):
                 runs.append(walk_both_ways(problem, orbit.unknowns, limits, tests, scene.settings))
-                if runs[-1].interrupted:
-                    raise KeyboardInterrupt
+                reraise_interruption(runs[-1].ends)
     return runs
 
 
@@ -528,7 +528,7 @@ def _follow(
 def run_on_line(scene: Scene, problem: OrbitProblem, unknowns: Array, limits: Range) -> Run:
     """Follow an orbit along a line, both ways."""
     run = _walk(scene, problem, unknowns, limits)
-    _raise_interruption(run)
+    reraise_interruption(run.ends)
     return run
 
 
@@ -543,11 +543,6 @@ def _nearby_orbit(problem: OrbitProblem, guess: Array, limits: Range) -> Array |
         return None if here is None else here.unknowns
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         return None
-
-
-def _raise_interruption(run: Run) -> None:
-    if run.interrupted:
-        raise KeyboardInterrupt
 
 
 def follow_switches(scene: Scene, runs: Sequence[Run], limits: Range) -> tuple[list[Run], int]:
@@ -597,7 +592,7 @@ def _switch_run(scene: Scene, event: Event, known: Sequence[Run], limits: Range)
     run = run_born(start, born, limits, tests, scene.settings, stop=stop)
     if isinstance(run, End):
         return None
-    _raise_interruption(run)
+    reraise_interruption(run.ends)
     return run
 
 

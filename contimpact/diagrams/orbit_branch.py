@@ -38,7 +38,6 @@ from ..continuation.walk import (
     SAME_SOLUTION,
     Options,
     Policy,
-    is_interrupted,
     keep_interrupted,
     other_way,
     retry_interrupted,
@@ -485,9 +484,9 @@ class Run:
         return cls(problem, (backward, forward), points, events, [p.arclength for p in others])
 
     @property
-    def interrupted(self) -> bool:
-        """Whether the keyboard has interrupted one of the walks."""
-        return is_interrupted(walk.end for walk in self.walks)
+    def ends(self) -> tuple[End, ...]:
+        """How the walks have ended."""
+        return tuple(walk.end for walk in self.walks)
 
     def branch(
         self,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from contimpact import continue_born, continue_orbit, find_orbits, follow, follow_curve, read_scene
 from contimpact.continuation.branch import EndKind
 from contimpact.continuation.settings import Settings
+from contimpact.diagrams import explore
 from contimpact.diagrams.orbit_branch import Run
 from contimpact.results.diagram_reading import read
 
@@ -197,3 +199,25 @@ def test_a_diagram_keeps_the_curve_under_way():
     assert EndKind.INTERRUPTED in [end.kind for end in part.curves[0].ends]
     assert len(part.curves[0]) < len(whole.curves[0])
     assert len(part.branches) == len(whole.branches)
+
+
+@pytest.mark.parametrize("after", [1, 2])
+def test_an_interruption_at_the_first_points_of_a_born_branch_ends_the_run(after, monkeypatch):
+    run_born = explore.run_born
+
+    def interrupted(*given):
+        return run_born(*given[:7], interrupting(after), *given[8:])
+
+    monkeypatch.setattr(explore, "run_born", interrupted)
+    part = follow(read_scene(SCENE))
+    assert part.statistics["failure"] == "interrupted"
+    assert part.statistics["stopped"]
+
+
+@pytest.mark.full
+def test_a_branch_that_an_area_asks_for_is_not_taken_as_far_as_it_has_come(monkeypatch):
+    curves = {"parameter": "r", "range": [0.28, 0.32], "cover": 1, "areas": True, "reach": 0}
+    scene = read_scene(SCENE | {"curves": curves, "numerics": {"starts": 16, "rounds": 2}})
+    stopping = functools.partial(continue_born, callback=interrupting(3))
+    monkeypatch.setattr("contimpact.diagrams.areas.continue_born", stopping)
+    assert follow(scene).statistics["failure"] == "interrupted"
