@@ -32,7 +32,7 @@ from ..orbits.search import SAME_ORBIT, Search, mirror_orbit, reduce_period
 from ..progress import Asked, Progress, RememberedProgress, progress_lines, walk_progress
 from ..results.branch import Branch, Entry
 from ..results.diagram import Diagram, Limits
-from ..results.quantities import add_outputs
+from ..results.quantities import fill_outputs, output_columns
 from ..results.scene import Scene, load_scene, read_scene
 from ..segments.kernels import Kernels
 from .orbit_branch import Run, add_stop_test, first_step, run_born, symmetric_end, walk_both_ways
@@ -107,6 +107,15 @@ STAGES = ("kernels", "search", "walk", "events", "switching", "tables")
 NOT_SWITCHED = "events not switched at"
 INTERRUPTED = "interrupted"
 """Reason of a computation that the keyboard ended early."""
+ENDING = KeyboardInterrupt, ArithmeticError, np.linalg.LinAlgError
+"""What ends a computation early; what was computed until then is kept."""
+
+
+def failure_of(error: BaseException) -> str:
+    """Return what is said of a computation that one of `ENDING` has ended."""
+    if isinstance(error, KeyboardInterrupt):
+        return INTERRUPTED
+    return f"the computation failed ({type(error).__name__}: {error})"
 
 
 @explain_arguments
@@ -155,8 +164,8 @@ def follow(scene: Scene | str | Path | Mapping[str, Any], progress: Asked = None
 
             try:
                 diagram = locate_in_scene(scene, diagram, tell)
-            except KeyboardInterrupt:
-                cut_short = {**diagram.statistics, "failure": INTERRUPTED}
+            except ENDING as error:
+                cut_short = {**diagram.statistics, "failure": failure_of(error)}
                 diagram = replace(diagram, statistics=cut_short)
         if scene.curves is not None and not diagram.statistics["failure"]:
             from .map_explorer import add_map
@@ -165,34 +174,63 @@ def follow(scene: Scene | str | Path | Mapping[str, Any], progress: Asked = None
         if not diagram.branches and not diagram.statistics["failure"]:
             explorer.look_elsewhere()
             raise refusal(list(explorer.lacking.values()), explorer.settled)
-        if scene.outputs or scene.margins:
+        diagram = _stopped_at(diagram, tell.last)
+        if scene.outputs or scene.margins is not None:
             diagram = _with_columns(scene, diagram, tell)
-    if failure := diagram.statistics["failure"]:
-        stopped = tell.last if failure == INTERRUPTED else f"{failure}, while {tell.last}"
-        return replace(diagram, statistics={**diagram.statistics, "stopped": stopped})
     return diagram
 
 
-def _with_columns(scene: Scene, diagram: Diagram, tell: Progress) -> Diagram:
-    """The diagram with outputs' means and margins as columns of branches; an interruption leaves
-    out those that come later."""
-    found = list(diagram.branches)
-    entries = {entry.id: entry for entry in diagram.entries}
-    try:
-        for number, branch in enumerate(found):
-            if scene.outputs:
-                tell(f"means of outputs along {branch.id}")
-                found[number] = add_outputs(branch, scene.outputs, scene.model)
-        for number, branch in enumerate(found):
-            if scene.margins is not None:
-                from .margins import add_margins
+def _stopped_at(diagram: Diagram, last: str) -> Diagram:
+    """The diagram with what was being done when its computation ended early, if it did."""
+    if not (failure := diagram.statistics["failure"]):
+        return diagram
+    stopped = last if failure == INTERRUPTED else f"{failure}, while {last}"
+    if before := diagram.statistics.get("stopped"):
+        stopped = f"{before}; then {stopped}"
+    return replace(diagram, statistics={**diagram.statistics, "stopped": stopped})
 
-                tell(f"margins along {branch.id}")
-                found[number] = add_margins(branch, scene.margins, scene.model, entries)
-    except KeyboardInterrupt:
-        cut_short = {**diagram.statistics, "failure": INTERRUPTED}
-        return replace(diagram, branches=found, statistics=cut_short)
+
+def _with_columns(scene: Scene, diagram: Diagram, tell: RememberedProgress) -> Diagram:
+    """The diagram with outputs' means and margins as columns of branches.
+
+    Nothing is computed after an interruption. What that or a failure leaves out is NaN, and a note
+    on the branch says so.
+    """
+    outputs, margins, model = scene.outputs, scene.margins, scene.model
+    entries = {entry.id: entry for entry in diagram.entries}
+    fill: dict[str, Callable[[Branch], list[str]]] = {}
+    if outputs:
+        fill["means of outputs"] = lambda branch: fill_outputs(branch, outputs, model)
+    if margins is not None:
+        from .margins import fill_margins
+
+        fill["margins"] = lambda branch: fill_margins(branch, margins, model, entries)
+    found = [_with_blanks(branch, scene) for branch in diagram.branches]
+    left = [(what, number) for what in fill for number in range(len(found))]
+    if diagram.statistics["failure"] != INTERRUPTED:
+        try:
+            while left:
+                what, number = left[0]
+                branch = found[number]
+                tell(f"{what} along {branch.id}")
+                found[number] = replace(branch, notes=[*branch.notes, *fill[what](branch)])
+                del left[0]
+        except ENDING as error:
+            cut_short = {**diagram.statistics, "failure": failure_of(error)}
+            diagram = _stopped_at(replace(diagram, statistics=cut_short), tell.last)
+    for what, number in left:
+        note = f"{what} are missing: the run ended before all were computed"
+        found[number] = replace(found[number], notes=[*found[number].notes, note])
     return replace(diagram, branches=found)
+
+
+def _with_blanks(branch: Branch, scene: Scene) -> Branch:
+    """The branch with columns for what is yet to be computed."""
+    names = [*output_columns(scene.outputs), *["margin"] * (scene.margins is not None)]
+    columns = {**branch.columns, **{name: np.full(len(branch), np.nan) for name in names}}
+    if scene.margins is not None:
+        columns["margin_event"] = np.full(len(branch), "", dtype=object)
+    return replace(branch, columns=columns)
 
 
 @dataclass
@@ -249,10 +287,8 @@ class _Explorer:
                 self.follow_births()
             self.note_left()
             self.note_settled()
-        except KeyboardInterrupt:
-            self.failure = INTERRUPTED
-        except (ArithmeticError, np.linalg.LinAlgError) as error:
-            self.failure = f"the computation failed ({type(error).__name__}: {error})"
+        except ENDING as error:
+            self.failure = failure_of(error)
         if not self.runs and not self.failure and not elsewhere:
             raise refusal(list(self.lacking.values()), self.settled)
         return Diagram(

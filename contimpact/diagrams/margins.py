@@ -227,15 +227,16 @@ def find_margins(
     return Search(given, sizes, within).margins()
 
 
-def add_margins(
+def fill_margins(
     branch: Branch, options: MarginOptions, model: Model, entries: Mapping[str, Entry]
-) -> Branch:
-    """Return a branch with the columns ``margin`` and ``margin_event``, of its stable orbits.
+) -> list[str]:
+    """Fill a branch's columns ``margin``, all NaN, and ``margin_event``, row by row, for its stable
+    orbits, and return notes.
 
-    At events that end these the margin is zero, where no event is within the range it is infinite,
-    and of other orbits it is NaN. `entries` are the diagram's, by their names.
+    At events that end these the margin is zero, and where no event is within the range it is
+    infinite. `entries` are the diagram's, by their names.
     """
-    margins, events = np.full(len(branch), np.nan), np.full(len(branch), "", dtype=object)
+    margins, events = branch["margin"], branch["margin_event"]
     shown = branch.stable & branch.physical
     beside = shown | np.append(shown[1:], False) | np.append(False, shown[:-1])
     known, lost = dict[tuple[str, ...], Kernels](), list[str]()
@@ -255,12 +256,7 @@ def add_margins(
         margins[row] = np.inf if found.nearest is None else found.nearest.distance
         events[row] = "" if found.nearest is None else found.nearest.label
         lost += found.notes
-    note = f"margins at {len(lost)} rows: the orbit is {lost[0]}" if lost else ""
-    return replace(
-        branch,
-        columns={**branch.columns, "margin": margins, "margin_event": events},
-        notes=[*branch.notes, *[note] * bool(note)],
-    )
+    return [f"margins at {len(lost)} rows: the orbit is {lost[0]}"] if lost else []
 
 
 class _Lost(NamedTuple):

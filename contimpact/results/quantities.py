@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -242,21 +242,25 @@ def _check_columns(branch: Branch, values: Any) -> Array:
 # Means of the outputs that a scene states, as columns of branches.
 
 
-def add_outputs(branch: Branch, outputs: Sequence[Output], model: Model) -> Branch:
-    """Return a branch with a column for the mean of each output, and one for its error.
+def output_columns(outputs: Sequence[Output]) -> list[str]:
+    """Return the names of the columns for outputs: the mean of each, and its error."""
+    return [name for output in outputs for name in (output.name, output.name + OUTPUT_ERROR)]
 
-    Where an orbit cannot be computed again from its row they are not numbers, and a note says so.
+
+def fill_outputs(branch: Branch, outputs: Sequence[Output], model: Model) -> list[str]:
+    """Fill the `output_columns` of a branch, row by row, and return notes.
+
+    Where an orbit cannot be computed again from its row they stay as they are, and a note says so.
     """
-    rows, lost = np.full((len(branch), len(outputs), 2), np.nan), 0
+    lost, columns = 0, [branch[name] for name in output_columns(outputs)]
     for row in range(len(branch)):
         try:
             orbit = orbit_at(branch, row, model)
         except InputError:
             lost += 1
             continue
-        rows[row] = means_of(orbit.linearisation, outputs, orbit.model)
-    columns: dict[str, Any] = dict(branch.columns)
-    for k, output in enumerate(outputs):
-        columns |= {output.name: rows[:, k, 0], output.name + OUTPUT_ERROR: rows[:, k, 1]}
+        means = means_of(orbit.linearisation, outputs, orbit.model)
+        for column, value in zip(columns, (v for mean in means for v in mean), strict=True):
+            column[row] = value
     note = f"outputs are missing at {lost} rows, whose orbits do not solve their equations"
-    return replace(branch, columns=columns, notes=[*branch.notes, *[note] * bool(lost)])
+    return [note] * bool(lost)

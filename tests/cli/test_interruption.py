@@ -221,3 +221,59 @@ def test_a_branch_that_an_area_asks_for_is_not_taken_as_far_as_it_has_come(monke
     stopping = functools.partial(continue_born, callback=interrupting(3))
     monkeypatch.setattr("contimpact.diagrams.areas.continue_born", stopping)
     assert follow(scene).statistics["failure"] == "interrupted"
+
+
+MARGINS = {
+    **SCENE,
+    "follow": {"parameter": "s", "range": [0.33, 0.395], "orbits": ["1:1"], "switch": ["PD"]},
+    "numerics": {"max_step": 0.4},
+    "output": {"P": {"before_impacts": "v**2"}},
+    "margins": {"tolerances": {"s": "2%"}},
+}
+
+
+def interrupted_margins(monkeypatch, rows, error=KeyboardInterrupt):
+    """The margins of a few rows are found, and then the keyboard interrupts, or they fail."""
+    left = iter(range(rows))
+
+    class Found:
+        nearest, notes = None, ()
+
+    def margins(search):
+        if next(left, None) is None:
+            raise error
+        return Found
+
+    monkeypatch.setattr("contimpact.diagrams.margins.Search.margins", margins)
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, FloatingPointError("0/0")])
+def test_margins_are_kept_as_far_as_they_have_come(error, monkeypatch):
+    interrupted_margins(monkeypatch, 3, error)
+    part = follow(read_scene(MARGINS))
+    stopped = part.statistics["stopped"]
+    assert f"margins along {part.branches[-1].id}" in stopped
+    assert ("0/0" in stopped) == (error is not KeyboardInterrupt)
+    assert sum(np.count_nonzero(branch["margin"] == np.inf) for branch in part.branches) == 3
+    assert all(np.isfinite(branch["P"]).all() for branch in part.branches)
+    assert "margins are missing" in part.branches[-1].notes[-1]
+    assert not part.branches[0].notes
+
+
+def test_after_an_interruption_no_margins_are_sought(monkeypatch):
+    interrupted_margins(monkeypatch, 0, AssertionError)
+    part = follow(read_scene({**MARGINS, "numerics": SCENE["numerics"]}), stopped_at("b1, "))
+    assert part.statistics["stopped"].startswith("following b1")
+    assert np.isnan(part.branches[0]["margin"]).all()
+    assert len(part.branches[0].notes) == 2
+
+
+def test_a_failure_in_the_search_for_crises_keeps_the_branches(monkeypatch):
+    def failing(*given):
+        raise FloatingPointError("0/0")
+
+    monkeypatch.setattr("contimpact.diagrams.crises.locate_in_scene", failing)
+    detect = {**SCENE["detect"], "crises": True}
+    part = follow(read_scene({**SCENE, "detect": detect}))
+    assert "0/0" in part.statistics["failure"]
+    assert part.branches
