@@ -128,9 +128,11 @@ def add_page(scene: Scene, diagram: Diagram, files: Files, tell: Progress) -> No
     """Write the page of a run; the attractors of a simulation in the folder are a layer of it."""
     from ..page.data import PageView, remarks_in
     from ..page.document import save_page
+    from ..results.catalogue import simulation_remarks
 
     plot = scene.plot
     remarks = remarks_in(diagram.statistics, diagram.coverage)
+    remarks += simulation_remarks(files.folder)
     begins = plot.x, plot.xlim, plot.ylim, plot.unphysical
     shown = PageView(*begins, scene.source, remarks, plot.margin)
     motions = motions_in(files.folder, diagram, scene.model, tell)

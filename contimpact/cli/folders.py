@@ -15,7 +15,7 @@ from ..errors import InputError, require_known, short_repr
 from ..models.model import Model
 from ..progress import Progress, telling
 from ..results.branch import model_at
-from ..results.catalogue import Results, open_results, read_fractions, scene_in
+from ..results.catalogue import Results, open_results, read_fractions, scene_in, simulation_remarks
 from ..results.diagram import Diagram
 from ..results.diagram_reading import sentence_of
 from ..results.options import FORMATS, CertifyOptions, PlotOptions
@@ -121,13 +121,17 @@ def _draw(
     tell("drawing")
     y = options.y or plot.y
     chosen |= {"unit": model.unit(chosen["x"]) if model else "", "labels": plot.labels}
+    swept = None
     if simulated and model is not None and y == VELOCITY:
-        from ..plots.attractors import plot_sweep
         from ..simulation.files import sweep_of
+
+        swept = sweep_of(folder / "sweep.csv", model)
+    if swept is not None and (swept.rows or not diagram.branches):
+        from ..plots.attractors import plot_sweep
 
         if is_there(folder / "fractions.csv"):
             chosen["fractions"] = read_fractions(folder / "fractions.csv")[1]
-        ax = plot_sweep(sweep_of(folder / "sweep.csv", model), diagram=diagram, **chosen)
+        ax = plot_sweep(swept, diagram=diagram, **chosen)
         write_heading(ax.figure, heading(diagram))
     else:
         ax = plot_diagram(diagram, y=y, membrane=membrane, **chosen)
@@ -152,6 +156,7 @@ def draw_page(
     shown = PageView(plot.x, plot.xlim, plot.ylim, plot.unphysical, margin=plot.margin)
     if scene is not None:
         remarks = [] if manifest is None else remarks_in(manifest, diagram.coverage)
+        remarks += simulation_remarks(folder)
         shown = dataclasses.replace(shown, source=scene.source, remarks=remarks)
     shown = dataclasses.replace(shown, **chosen)
     motions = motions_in(folder, diagram, model, tell) if model is not None else []
@@ -167,12 +172,20 @@ def _open(
     if named and is_there(folder / "sweep.csv") and not is_there(folder / "catalogue.json"):
         with reading(folder) as manifest:
             scene = scene_in(folder, systems, manifest)
+        _complain_of_simulation(folder)
         return Diagram(scene.name, []), scene, manifest
     found = open_results(folder)
+    _complain_of_simulation(folder)
     _complain_of_end(folder, found.diagram.statistics.get("stopped"))
     if not named and found.diagram.branches:
         return found.diagram, None, None
     return found.diagram, scene_in(folder, systems, found.manifest), found.manifest
+
+
+def _complain_of_simulation(folder: Path) -> None:
+    """Say so if a simulation in a folder ended early."""
+    for remark in simulation_remarks(folder):
+        complain(f"{folder}: {remark}")
 
 
 def _complain_of_end(folder: Path | str, stopped: str | None) -> None:

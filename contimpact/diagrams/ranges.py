@@ -24,7 +24,15 @@ from ..errors import InputError, explain_arguments
 from ..models.model import Model
 from ..models.word import Word, is_rotation
 from ..results.branch import Branch, Entry, model_at
-from ..results.catalogue import Bound, Motion, Share, load_diagram, read_fractions, shorten_names
+from ..results.catalogue import (
+    Bound,
+    Motion,
+    Share,
+    load_diagram,
+    read_fractions,
+    shorten_names,
+    simulation_remarks,
+)
 from ..results.diagram import Diagram
 from ..results.diagram_reading import Interval
 from ..schema import build_record, fit_value
@@ -301,7 +309,9 @@ def ranges_in(folder: Path, diagram: Diagram, model: Model | None = None) -> Ran
     if is_there(path := place / "fractions.csv"):
         _, shares = read_fractions(path)
     found = sweep_of(place / "sweep.csv", model)
-    return attractor_ranges(diagram, found, coverage=coverage, brackets=brackets, fractions=shares)
+    about: Any = {"coverage": coverage, "brackets": brackets, "fractions": shares}
+    ranges = attractor_ranges(diagram, found, **about)
+    return replace(ranges, notes=[*simulation_remarks(place), *ranges.notes])
 
 
 # Stable orbits of branches.

@@ -405,7 +405,8 @@ class _ReportedSimulators(Simulators):
 def write_simulation(result: Simulation, folder: Path) -> list[str]:
     """Write the tables of a simulation, also of an interrupted one; returns the files' names."""
     scene = result.scene
-    files: dict[str, Content] = {"sweep.csv": lambda: sweep_text(result.sweep)}
+    stopped = result.stopped or result.interrupted
+    files: dict[str, Content] = {"sweep.csv": lambda: sweep_text(result.sweep, stopped)}
     assert scene.simulate is not None
     if scene.simulate.transitions:
         files["transitions.json"] = partial(

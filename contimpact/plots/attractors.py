@@ -472,6 +472,8 @@ def _marks(ways: Sequence[str]) -> dict[str, dict[str, Any]]:
 
 def _limits(sweep: Sweep, x: str) -> tuple[float, float]:
     values = [row.attractor.parameters[x] for row in sweep.rows]
+    if not values:
+        raise InputError("sweep", "no attractors", "sweep at least one value")
     margin = 0.015 * (max(values) - min(values) or 1.0)
     return min(values) - margin, max(values) + margin
 

@@ -36,6 +36,7 @@ from ..storage import (
     check_reading,
     csv_of_records,
     csv_text,
+    is_there,
     json_line,
     json_text,
     open_plain,
@@ -50,6 +51,7 @@ from .diagram import Diagram, Limit
 from .diagram_reading import SURVEYS, read
 from .result_folder import (
     CATALOGUE,
+    LONGEST,
     MANIFEST,
     TABLES,
     WANTED,
@@ -95,6 +97,22 @@ def sweep_cells(path: Path) -> tuple[str, list[dict[str, str]]]:
         head, names, lines = _short_table(path, SWEEP)
         rows = [dict(zip(names, map(unescape_text, line), strict=True)) for line in lines]
         return str(head.get("parameter", "")), rows
+
+
+def simulation_remarks(folder: Path) -> list[str]:
+    """Return what is said of a simulation in a folder that ended early; nothing of one that did
+    not.
+
+    Raises InputError if its table is damaged.
+    """
+    path = folder / "sweep.csv"
+    if not is_there(path):
+        return []
+    with check_reading(path, SWEEP), open_plain(path) as file:
+        head = json.loads(file.readline(LONGEST).decode().removeprefix("# "))
+        stopped = head.get("interrupted")
+    lost = f"the simulation ended early ({stopped}): attractors and what follows from them may be "
+    return [f"{lost}missing; contimpact simulate --resume finds them"] if stopped else []
 
 
 def _short_table(path: Path, schema: str) -> tuple[dict[str, Any], list[str], list[list[str]]]:

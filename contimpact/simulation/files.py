@@ -202,11 +202,13 @@ class Checkpoint:
 # Tables.
 
 
-def sweep_text(sweep: Sweep) -> str:
-    """Return ``sweep.csv``: a comment line with the schema, then a row per attractor."""
+def sweep_text(sweep: Sweep, stopped: str | None = None) -> str:
+    """Return ``sweep.csv``: a comment line with the schema, and with what was being done when the
+    simulation ended early, if it did; then a row per attractor."""
     columns, rows = table_of(sweep)
-    head = json.dumps({"schema": SWEEP, "parameter": sweep.parameter})
-    return f"# {head}\n" + csv_text(columns, rows)
+    head = {"schema": SWEEP, "parameter": sweep.parameter}
+    head |= {"interrupted": stopped} if stopped else {}
+    return f"# {json.dumps(head)}\n" + csv_text(columns, rows)
 
 
 def sweep_of(path: Path, model: Model) -> Sweep:

@@ -340,3 +340,45 @@ def test_run_imports_no_simulation_and_no_matplotlib(scene_file, tmp_path):
     assert not {"contimpact.simulation.energy", "contimpact.diagrams.explore", "matplotlib"} & set(
         simulated
     )
+
+
+@pytest.mark.parametrize("rows", [0, 2])
+def test_what_is_drawn_of_an_interrupted_simulation_says_so(
+    scene_file, tmp_path, monkeypatch, capsys, rows
+):
+    """Also after the branches were followed into the same folder."""
+    path, out = scene_file(SCENE + "branches = true\n"), str(tmp_path / "out")
+    kept, made = scene_simulation.Checkpoint.keep, []
+
+    def keep(self, row):
+        if len(made) == rows:
+            raise KeyboardInterrupt
+        made.append(row)
+        kept(self, row)
+
+    monkeypatch.setattr(scene_simulation.Checkpoint, "keep", keep)
+    assert run(path, "-o", out, "--no-plot", "-q") == 1
+    monkeypatch.undo()
+    head, found = table(tmp_path / "out" / "sweep.csv")
+    assert head["interrupted"].startswith("sweep: ")
+    assert len(found) == rows
+    assert cli.main(["run", path, "-o", out, "--no-plot", "--html", "-q"]) == 0
+    capsys.readouterr()
+    said = f"the simulation ended early ({head['interrupted']})"
+    assert said in (tmp_path / "out" / "diagram.html").read_text(encoding="utf-8")
+    assert cli.main(["range", out]) == 0
+    assert said in capsys.readouterr().out
+    assert cli.main(["plot", out]) == 0
+    assert said in capsys.readouterr().err
+
+
+def test_a_simulation_that_has_no_attractor_yet_is_not_drawn(
+    scene_file, tmp_path, monkeypatch, capsys
+):
+    def interrupted(*given):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(scene_simulation.Checkpoint, "keep", interrupted)
+    assert run(scene_file(), "-o", tmp_path / "out", "-q") == 1
+    assert cli.main(["plot", str(tmp_path / "out")]) == 2
+    assert "no attractors" in capsys.readouterr().err
