@@ -21,11 +21,14 @@ from .. import __version__
 from ..errors import InputError, NotWrittenError, each_once
 from ..storage import terminal_text
 
-# A request to end (SIGTERM), as schedulers send it, is taken as Ctrl-C.
+# A request to end (SIGTERM), as schedulers send it, and the end of a terminal (SIGHUP) are taken as
+# Ctrl-C.
 #
 # What was computed is written.
 
-ENDING = (signal.SIGINT, signal.SIGTERM)
+ENDING = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
 """Signals that ask a command to end."""
 
 
@@ -33,14 +36,14 @@ ENDING = (signal.SIGINT, signal.SIGTERM)
 def raise_on_termination() -> Iterator[None]:
     """Raise `KeyboardInterrupt` where the process is asked to end, if nobody else has a handler."""
     main = threading.current_thread() is threading.main_thread()
-    if not main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
-        yield
-        return
-    signal.signal(signal.SIGTERM, _interrupt)
+    asked = [n for n in ENDING if signal.getsignal(n) is signal.SIG_DFL] if main else []
+    for number in asked:
+        signal.signal(number, _interrupt)
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        for number in asked:
+            signal.signal(number, signal.SIG_DFL)
 
 
 def _interrupt(*signalled: Any) -> NoReturn:
@@ -82,6 +85,18 @@ EXAMPLES = {
 THREADS = "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"
 """Environment variables that set the number of threads of linear algebra. Matrices are so small
 that several threads take longer than one, up to ten times where other processes run."""
+
+
+def program() -> NoReturn:
+    """Run the command line as a program."""
+    leave(main())
+
+
+def leave(status: int) -> NoReturn:
+    """End the program; a signal that comes when all is done changes its status no more."""
+    for number in ENDING:
+        signal.signal(number, signal.SIG_IGN)
+    sys.exit(status)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

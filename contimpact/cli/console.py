@@ -49,7 +49,8 @@ def defer_interruptions(interruption: Interruption) -> Iterator[None]:
             interruption.raising = False
             raise KeyboardInterrupt
 
-    before = {number: signal.signal(number, note) for number in ENDING}
+    heard = [n for n in ENDING if signal.getsignal(n) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, note) for number in heard}
     try:
         yield
     finally:

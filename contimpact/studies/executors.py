@@ -114,9 +114,11 @@ def _one_thread_each() -> Iterator[None]:
 
 
 def _start_worker(begun: Any) -> None:
-    """In a new process: leave the keyboard to its parent, and end when the parent does."""
+    """In a new process: leave the terminal to its parent, and end when the parent does."""
     begun.set()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(signal, "SIGHUP"):
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 

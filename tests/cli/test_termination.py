@@ -55,16 +55,18 @@ def test_what_a_simulation_found_is_written(tmp_path):
     assert {"sweep.csv", "catalogue.json", "manifest.json"} <= names
 
 
-def test_a_command_that_is_asked_to_end_says_that_it_was_interrupted(monkeypatch, capsys):
-    before = signal.getsignal(signal.SIGTERM)
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
+def test_a_command_that_is_asked_to_end_says_that_it_was_interrupted(name, monkeypatch, capsys):
+    number = getattr(signal, name)
+    before = signal.getsignal(number)
 
     def ended(options):
-        signal.raise_signal(signal.SIGTERM)
+        signal.raise_signal(number)
 
     monkeypatch.setattr("contimpact.cli.scenes.check", ended)
     assert main(["check", "scene.toml"]) == 1
     assert "interrupted" in capsys.readouterr().err
-    assert signal.getsignal(signal.SIGTERM) is before
+    assert signal.getsignal(number) is before
 
 
 def test_writing_is_not_cut_short():
@@ -72,3 +74,24 @@ def test_writing_is_not_cut_short():
     with defer_interruptions(interruption):
         signal.raise_signal(signal.SIGTERM)
         assert interruption.happened
+
+
+def test_a_signal_that_is_ignored_stays_so_while_results_are_written(monkeypatch):
+    """As after nohup, or in the background of a script."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    interruption = Interruption()
+    try:
+        with defer_interruptions(interruption):
+            signal.raise_signal(signal.SIGHUP)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert not interruption.happened
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+def test_a_signal_that_comes_when_all_is_done_changes_no_status(name):
+    ending = f"import atexit, signal; atexit.register(signal.raise_signal, signal.{name});"
+    command = "from contimpact import cli; cli.main = lambda: 0; cli.program()"
+    assert (
+        subprocess.run([sys.executable, "-c", f"{ending} {command}"], check=False).returncode == 0
+    )
