@@ -158,6 +158,10 @@ def temporary_beside(path: Path) -> Path:
     return path.with_name(f".{path.name[:40]}.{own}.tmp")
 
 
+DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+"""Errors of a disk, not of the place that was given."""
+
+
 def write(path: Path, content: str | bytes) -> None:
     """Write a file whole or not at all.
 
@@ -169,11 +173,13 @@ def write(path: Path, content: str | bytes) -> None:
 
 @contextlib.contextmanager
 def check_writing(path: Path, kind: str) -> Iterator[None]:
-    """Turn what goes wrong with writing somewhere into `InputError`; `kind` is what else to give, a
-    place or a folder."""
+    """Turn what goes wrong with writing somewhere into `InputError`, or `NotWrittenError` where the
+    disk is at fault; `kind` is what else to give, a place or a folder."""
     try:
         yield
     except OSError as error:
+        if error.errno in DISK:
+            raise NotWrittenError(str(path.parent), [], {path.name: reason(error)}) from None
         found = f"cannot be written ({reason(error)})"
         raise InputError(str(path), found, f"give another {kind}") from None
 

@@ -13,7 +13,7 @@ from ..errors import InputError, printable
 from ..models.word import name_orbit
 from ..progress import Progress, telling
 from ..results.options import FORMATS, CurveOptions
-from ..results.result_folder import hold_folder
+from ..results.result_folder import hold_folder, prepare_folder
 from ..results.scene import Scene, load_scene, systems_of
 from ..storage import write_text
 from . import complain, say
@@ -42,6 +42,7 @@ def fit(options: argparse.Namespace) -> int:
     kind = target.suffix.lower().lstrip(".")
     if options.output and kind not in FORMATS:
         raise InputError("-o", f"format {kind!r}", f"accepted are {', '.join(FORMATS)}")
+    _require_place(options)
     deviations = dict(map(_deviation, options.deviation))
     with telling(scene.name, patient=True) as tell:
         tell("fitting")
@@ -64,6 +65,13 @@ def fit(options: argparse.Namespace) -> int:
     return 0 if found.reason is None else 1
 
 
+def _require_place(options: argparse.Namespace) -> None:
+    """Refuse a file that cannot be written before anything is computed for it."""
+    if options.output:
+        target = Path(options.output)
+        prepare_folder(target.parent, [target.name])
+
+
 def _deviation(text: str) -> tuple[str, float]:
     name, _, value = text.partition("=")
     try:
@@ -84,6 +92,7 @@ def design(options: argparse.Namespace) -> int:
     scene = load_scene(options.scene, systems_of(options.system))
     if options.output and Path(options.output).suffix != ".csv":
         raise InputError("-o", f"found {options.output!r}", "give a file that ends in .csv")
+    _require_place(options)
     with telling(scene.name, patient=True) as tell:
         found = find_design(scene, progress=tell)
     with defer_interruptions(Interruption()):

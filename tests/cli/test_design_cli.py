@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import errno
+import os
 
 import pytest
 from zoo import SMALL
@@ -44,3 +46,28 @@ def test_refusals(scene, capsys):
     scene.write_text(SMALL)
     assert main(["design", str(scene)]) == 2
     assert "design: missing" in capsys.readouterr().err
+
+
+def test_a_place_that_cannot_be_written_is_refused_before_the_search(scene, capsys, monkeypatch):
+    def searching(*given, **named):
+        raise AssertionError("nothing is searched for in vain")
+
+    monkeypatch.setattr("contimpact.diagrams.design.design", searching)
+    for place in (scene / "table.csv", scene.parent / "folder.csv"):
+        (scene.parent / "folder.csv").mkdir(exist_ok=True)
+        assert main(["design", str(scene), "-o", str(place)]) == 2
+        assert str(place.parent) in capsys.readouterr().err
+
+
+def test_a_full_disk_is_no_wrong_input(scene, capsys, monkeypatch):
+    """The best is printed all the same."""
+
+    def full(*given, **named):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("contimpact.storage.put", full)
+    assert main(["design", str(scene), "-o", str(scene.parent / "table.csv")]) == 1
+    said = capsys.readouterr()
+    assert "limited by bound s = 0.5" in said.out
+    assert "not written (No space left on device): table.csv" in said.err
+    assert "free disk space" in said.err
