@@ -216,6 +216,7 @@ def write_all(folder: Path, contents: Mapping[str, Content]) -> list[str]:
     failed: dict[str, str] = {}
     for name, content in contents.items():
         try:
+            folder.mkdir(parents=True, exist_ok=True)
             make_inside(folder, Path(name).parent)
             _write(folder / name, content())
         except OSError as error:

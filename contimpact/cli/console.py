@@ -85,8 +85,12 @@ def draw_pictures(
 
 def _states(folder: Path) -> dict[str, tuple[int, int]]:
     """The files of a folder, each with what changes when it is rewritten."""
-    states = {path.name: path.stat() for path in folder.iterdir() if path.is_file()}
-    return {name: (state.st_ino, state.st_mtime_ns) for name, state in states.items()}
+    states: dict[str, tuple[int, int]] = {}
+    with contextlib.suppress(OSError):  # the folder is removed meanwhile
+        for path in folder.iterdir():
+            state = path.stat()
+            states |= {path.name: (state.st_ino, state.st_mtime_ns)} if path.is_file() else {}
+    return states
 
 
 # The manifest, which ends what a command writes to a folder.

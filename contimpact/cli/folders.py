@@ -75,7 +75,7 @@ def ranges(options: argparse.Namespace) -> int:
     from ..diagrams.ranges import load_ranges, ranges_text
 
     folder, systems = Path(options.folder), systems_of(options.system)
-    with kept_still(folder), telling(folder.name, patient=True) as tell:
+    with kept_still(folder, only_read=True), telling(folder.name, patient=True) as tell:
         tell("reading")
         alone = is_there(folder / "sweep.csv") and not is_there(folder / "catalogue.json")
         found = load_ranges(folder, scene_in(folder, systems).model if alone else None)

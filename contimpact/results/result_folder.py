@@ -127,14 +127,17 @@ def hold_folder(
         raise
 
 
-def kept_still(folder: Path) -> contextlib.AbstractContextManager[None]:
-    """Let nobody write to a folder meanwhile, if it is one of results or becomes one.
+def kept_still(folder: Path, *, only_read: bool = False) -> contextlib.AbstractContextManager[None]:
+    """Let nobody write to a folder meanwhile, if it is one of results or becomes one. One that is
+    `only_read` need not be writable.
 
     Raises InputError if another process writes to it.
     """
     results = (LOCK, MARK, "manifest.json", "catalogue.json")
     ours = any((folder / name).exists() for name in results)
-    return hold_lock(folder) if ours else contextlib.nullcontext()
+    if not ours or (only_read and not os.access(folder, os.W_OK)):
+        return contextlib.nullcontext()
+    return hold_lock(folder)
 
 
 @contextlib.contextmanager
@@ -156,6 +159,7 @@ def renew_folder(
     if same and "simulate" not in commands and _begins_as_ours(folder / ROWS):
         kept.append(ROWS)
     try:
+        folder.mkdir(parents=True, exist_ok=True)  # it may have been removed during a long run
         put(folder / MARK, b"", FOR_ALL)
         for name in ("manifest.json", *gone):
             (folder / name).unlink(missing_ok=True)
@@ -202,8 +206,11 @@ class Files:
     def close(self, manifest: Callable[[], str]) -> None:
         """Write the manifest.
 
-        Raises NotWrittenError if anything could not be written.
+        Raises NotWrittenError if anything could not be written, or was removed meanwhile.
         """
+        gone = [name for name in self.written if not os.path.lexists(self.folder / name)]
+        self.written = [name for name in self.written if name not in gone]
+        self.failed |= dict.fromkeys(gone, "removed meanwhile")
         self.add(lambda: write_all(self.folder, {"manifest.json": manifest}))
         if self.failed:
             raise NotWrittenError(str(self.folder), self.written, self.failed)

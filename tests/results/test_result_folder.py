@@ -16,6 +16,7 @@ from zoo import ROOT, SMALL
 
 from contimpact import load_diagram, load_scene, write_diagram
 from contimpact.cli import main
+from contimpact.cli import run as commands
 from contimpact.errors import InputError, NotWrittenError
 from contimpact.results.catalogue import load_entries
 from contimpact.results.diagram import Diagram
@@ -484,6 +485,7 @@ def test_temporary_files_of_processes_that_have_ended_are_removed(scene, out, re
 FULL = """
 import os, resource, sys
 from contimpact.cli import main
+from contimpact.cli import run as commands
 limit = int(sys.argv[1])
 resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 sys.exit(main(sys.argv[2:]))
@@ -679,3 +681,40 @@ def test_resolved_scenes_compare_after_a_round_trip():
     for name in ("fig7", "fig6a", "stop"):
         scene = load_scene(BRANCHES / name / "scene.toml")
         assert json.loads(json.dumps(scene.resolved())) == json.loads(json.dumps(scene.resolved()))
+
+
+# Folders that others remove, or that cannot be written
+
+
+def removing(monkeypatch, folder, name):
+    """The folder is removed when a function of the command is called."""
+    original = getattr(commands, name)
+
+    def removed(*given):
+        shutil.rmtree(folder)
+        return original(*given)
+
+    monkeypatch.setattr(commands, name, removed)
+
+
+def test_a_folder_that_is_removed_during_a_run_is_made_again(scene, results, tmp_path, monkeypatch):
+    removing(monkeypatch, tmp_path / "out", "_write_run")
+    assert run("run", scene(), "-o", tmp_path / "out", "-q") == 0
+    assert names(tmp_path / "out") == names(results)
+    assert load_diagram(tmp_path / "out").entries == load_diagram(results).entries
+
+
+def test_files_that_are_removed_while_others_are_written_are_named(
+    scene, tmp_path, monkeypatch, capsys
+):
+    removing(monkeypatch, tmp_path / "out", "_save_plots")
+    assert run("run", scene(), "-o", tmp_path / "out", "-q") == 1
+    assert "not written (removed meanwhile): catalogue.json, events.csv" in capsys.readouterr().err
+    assert manifest_of(tmp_path / "out")["files"] == ["diagram.png"]
+
+
+def test_what_only_reads_a_folder_needs_not_write_to_it(out, monkeypatch, capsys):
+    monkeypatch.setattr("contimpact.results.result_folder.os.access", lambda *given: False)
+    monkeypatch.setattr("contimpact.results.result_folder.hold_lock", None)
+    assert run("range", out) == 0
+    assert "1:1 on b1" in capsys.readouterr().out
