@@ -711,6 +711,12 @@ def _warn(why: str) -> None:
     logger(__name__).warning("kernels and compiled code are not cached: %s", why)
 
 
+def warn_uncached(folder: Path, error: OSError) -> None:
+    """Say once in a process that a file could not be put into the cache, and what can be done."""
+    remedy = "free disk space, or name another folder by CONTIMPACT_CACHE"
+    _warn(f"{folder} cannot be written ({reason(error)}); {remedy}")
+
+
 @functools.cache
 def _remove_leftovers(folder: Path) -> None:
     """Remove, once in a process, what killed ones have left behind."""

@@ -35,6 +35,7 @@ from ..storage import (
     processor,
     put_with_digest,
     store_file,
+    warn_uncached,
 )
 
 if TYPE_CHECKING:
@@ -233,7 +234,7 @@ def _compile_program(
             try:
                 _compile_parts(program, arguments, folder, name)
             except OSError as error:
-                logger(__name__).warning("compiled code is not cached: %s", error)
+                warn_uncached(folder, error)
                 folder = None
         with contextlib.ExitStack() as stack:
             if folder is None:

@@ -19,7 +19,7 @@ from ..errors import InputError
 from ..models.guards import are_parallel, following_letters, orders_of
 from ..models.model import Model
 from ..models.sources import digests
-from ..storage import cache_folder, load_file, logger, reason, store_file
+from ..storage import cache_folder, load_file, logger, reason, store_file, warn_uncached
 from .bounded import bounded_kernel
 from .layout import SECTION, Family, Setup, differences_grow
 from .segment import ELSEWHERE, ClosedForm, Kernel, Passages, kernel_of, passages_of
@@ -44,11 +44,8 @@ def check_once(model: Model) -> list[str]:
     from .checking import check_model
 
     compared = check_model(model)
-    try:
-        if path:
-            store_file(path, json.dumps({"key": key, "compared": compared}).encode())
-    except OSError as error:
-        logger(__name__).warning("%s is not cached: %s", path, reason(error))
+    if path:
+        _write(path, json.dumps({"key": key, "compared": compared}))
     return compared
 
 
@@ -493,4 +490,4 @@ def _write(path: Path, source: str) -> None:
     try:
         store_file(path, source.encode())
     except OSError as error:
-        logger(__name__).warning("kernel %s is not cached: %s", path.name, error)
+        warn_uncached(path.parent, error)

@@ -417,7 +417,7 @@ def test_a_cache_that_cannot_be_written(copied, plain_and_compiled, monkeypatch,
     monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
     with caplog.at_level(logging.WARNING):
         assert load_small() is not None
-    assert "not cached: read-only" in caplog.text
+    assert "cannot be written (read-only)" in caplog.text
     assert sorted(copied.iterdir()) == before
 
 
