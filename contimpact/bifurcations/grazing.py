@@ -212,6 +212,12 @@ class Grazing(OrbitTest):
         assert touch is not None, "only a gap that exists has a zero"
         return {"index": index, **self._described(flight, wall, touch.time)}
 
+    def place_on_orbit(self, index: int) -> str:
+        if index >= len(self.places):
+            return ""
+        flight, wall = self.places[index]
+        return f"flight {flight + 1} at {wall}"
+
     @staticmethod
     def _described(flight: int, wall: str, time: float) -> Details:
         return {"flight": flight, "wall": wall, "touch_time": float(time)}

@@ -279,12 +279,37 @@ class Event(Generic[E]):
 @dataclass(frozen=True)
 class MissedEvent:
     """A sign change that could not be located, with the reason; `arclength` is where on its walk,
-    infinite where that is not told."""
+    infinite where that is not told, and `place` where on the orbit, empty likewise."""
 
     kind: str
     parameters: tuple[float, float]
     reason: str
     arclength: float = np.inf
+    place: str = ""
+
+
+NAMED = 6
+"""Places on the orbit that are named where several events may be missing for one reason."""
+
+
+def missed_texts(parameter: str, missed: Iterable[MissedEvent]) -> list[str]:
+    """Return what is said of events that could not be located; what is the same at several places
+    of the orbit is said once, with their number."""
+    places: dict[tuple[str, str], list[str]] = {}
+    for one in missed:
+        low, high = one.parameters
+        head = f"{one.kind} between {parameter} = {low:.12g} and {high:.12g}"
+        places.setdefault((head, one.reason), []).append(one.place)
+    return [f"{head}{_several(where)}: {reason}" for (head, reason), where in places.items()]
+
+
+def _several(places: Sequence[str]) -> str:
+    """How many places there are, and which, if it is not one."""
+    if len(places) == 1:
+        return ""
+    named = list(dict.fromkeys(place for place in places if place))
+    told = ", ".join(named[:NAMED]) + (", ..." if len(named) > NAMED else "")
+    return f", at {len(places)} places" + (f" ({told})" if told else "")
 
 
 @dataclass(frozen=True, eq=False)
@@ -601,6 +626,10 @@ class TestFunction(ABC, Generic[At]):
     """Values below this do not exist where they cannot be told from zero."""
 
     evaluations = 0
+
+    def place_on_orbit(self, index: int) -> str:
+        """Return where on the orbit one of the values is, in words; empty if it is nowhere."""
+        return ""
 
     guides = 0
     """How many of the values, the last ones, are no test functions themselves but tell where the

@@ -280,9 +280,10 @@ def _locate_by_bracket(
     return Event(test.kind, point, residual, error, "bracket", test.details(point, index))
 
 
-def missed_event(kind: str, arc: Arc, reason: str) -> MissedEvent:
+def missed_event(kind: str, arc: Arc, reason: str, place: str = "") -> MissedEvent:
     """Return what could not be located on an arc."""
-    return MissedEvent(kind, (arc.left.parameter, arc.right.parameter), reason)
+    ends = arc.left.parameter, arc.right.parameter
+    return MissedEvent(kind, ends, reason, place=place)
 
 
 GUIDED = 4
@@ -426,8 +427,9 @@ class _Search:
 
     def give_up(self, arc: Arc, stretch: Stretch) -> None:
         """Record where two zeros were not excluded however often the arc was cut."""
-        kinds = np.repeat([test.kind for test in self.tests], self.sizes)
         # beside a jump of the function, what lies beyond it says nothing
         found = np.minimum(*(self.suspected(side)[0] for side in stretch.one_sided()))
-        unsure = kinds[found == DIPS]
-        self.missed += [missed_event(str(kind), arc, UNRESOLVED) for kind in unsure]
+        for place in np.nonzero(found == DIPS)[0].tolist():
+            number = bisect.bisect_right(self.ends, place)
+            test, index = self.tests[number], place - self.ends[number] + self.sizes[number]
+            self.missed.append(missed_event(test.kind, arc, UNRESOLVED, test.place_on_orbit(index)))

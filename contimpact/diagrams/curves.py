@@ -31,6 +31,7 @@ from ..continuation.branch import (
     UserFunction,
     Walk,
     join_walks,
+    missed_texts,
 )
 from ..continuation.corrector import Arc, correct, length
 from ..continuation.crossing_branches import Meeting
@@ -504,11 +505,7 @@ def curve_from_walks(
     codim2 = [_codim2(e, f"{name}.{i}", name) for i, e in enumerate(marked, start=1)]
     marks = [(e.point, e.kind) for e in events if e.kind == REQUESTED]
     marks += [(e.point, p.id) for e, p in zip(marked, codim2, strict=True)]
-    missed = [
-        f"{m.kind} between {last} = {m.parameters[0]:.12g} and {m.parameters[1]:.12g}: {m.reason}"
-        for walk in walks
-        for m in walk.missed
-    ]
+    missed = missed_texts(last, (m for walk in walks for m in walk.missed))
     ends, columns = (walks[0].end, walks[1].end), _columns(points, marks)
     model = problem.orbit.model
     columns |= {name: clip_rounding(model, name, columns[name]) for name in parameters}

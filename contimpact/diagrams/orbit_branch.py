@@ -30,6 +30,7 @@ from ..continuation.branch import (
     UserFunction,
     Walk,
     join_walks,
+    missed_texts,
 )
 from ..continuation.corrector import correct
 from ..continuation.events import separate_events, snap_to_points
@@ -503,12 +504,7 @@ class Run:
             entry_of(e, f"e{first_entry + i}", name, *self.around(e)) for i, e in enumerate(events)
         ]
         marks = [(event.point, entry) for event, entry in zip(events, entries, strict=True)]
-        missed = [
-            f"{m.kind} between {problem.parameter} = {m.parameters[0]:.12g} and "
-            f"{m.parameters[1]:.12g}: {m.reason}"
-            for m in (*backward.missed, *forward.missed)
-            if not self._begins_at(m)
-        ]
+        lost = [m for m in (*backward.missed, *forward.missed) if not self._begins_at(m)]
         return Branch(
             id=name,
             word=problem.word.walls,
@@ -520,7 +516,7 @@ class Run:
             columns=tabulate(self.points, marks, self.borrowed),
             ends=(backward.end, forward.end),
             events=entries,
-            missed=missed,
+            missed=missed_texts(problem.parameter, lost),
             origin=origin,
             notes=list(dict.fromkeys([*backward.notes, *forward.notes])),
         )

@@ -20,6 +20,7 @@ from contimpact.continuation.branch import (
     Point,
     TestFunction,
     UserFunction,
+    missed_texts,
 )
 from contimpact.continuation.corrector import Arc, point_after
 from contimpact.continuation.events import find_events
@@ -208,6 +209,18 @@ def test_a_value_that_ceases_to_exist_inside_a_bracket_is_reported():
     assert missed == MissedEvent(
         "mine", (0.0, 1.0), "the test function has no value inside the bracket"
     )
+
+
+def test_what_may_be_missing_at_several_places_is_said_once():
+    here = [MissedEvent("G", (0.25, 0.5), "why", place=f"flight {k}") for k in range(1, 9)]
+    other = MissedEvent("G", (0.5, 0.75), "why", place="flight 1")
+    twins = [MissedEvent("FB", (0.25, 0.5), "why")] * 2
+    assert missed_texts("s", [*here, other, *twins]) == [
+        "G between s = 0.25 and 0.5, at 8 places (flight 1, flight 2, flight 3, flight 4, "
+        "flight 5, flight 6, ...): why",
+        "G between s = 0.5 and 0.75: why",
+        "FB between s = 0.25 and 0.5, at 2 places: why",
+    ]
 
 
 # Location by bracketing
