@@ -16,7 +16,7 @@ from ..storage import csv_text, write_text
 from ..studies.executors import Workshop, dask, mpi, processes
 from ..studies.run import Tally, WorkersLostError, duration, run_study
 from ..studies.store import Store
-from ..studies.study import QUANTITIES, Map, Study, studies
+from ..studies.study import QUANTITIES, Map, Study, shortfall, studies
 from ..studies.study_file import load_study
 from . import complain, say
 from .console import require_output
@@ -46,6 +46,8 @@ def study(options: argparse.Namespace) -> int:
         complain(f"interrupted; the same command continues with what is in {options.output}")
         return 1
     announce(_summary(tally, options.output))
+    if options.quiet and (lacking := _lacking(tally)):
+        complain(f"{asked.name}: of {tally.total} scenes {lacking}")
     return 0
 
 
@@ -61,8 +63,8 @@ def _workshop(options: argparse.Namespace) -> Workshop:
 
 def _summary(tally: Tally, store: str) -> str:
     text = f"{tally.before + tally.done} of {tally.total} scenes in {store}"
-    if tally.failed:
-        text += f", {tally.failed} of them failed: SELECT * FROM failures"
+    if lacking := _lacking(tally):
+        text += f", {lacking}"
     if tally.done:
         text += f"; {tally.done} took {duration(tally.seconds)}"
     if tally.estimate:
@@ -70,6 +72,14 @@ def _summary(tally: Tally, store: str) -> str:
     if tally.limited:
         text += f"; limits cut {tally.limited} short: SELECT * FROM limits"
     return text
+
+
+def _lacking(tally: Tally) -> str:
+    """How many scenes in the store have failed or ended early, and what can be done."""
+    counts = [f"{n} {status}" for status, n in tally.statuses.items() if status != "done"]
+    if not counts:
+        return ""
+    return f"{' and '.join(counts)}: SELECT * FROM failures; --again tries them once more"
 
 
 def export(options: argparse.Namespace) -> int:
@@ -108,6 +118,8 @@ def atlas(options: argparse.Namespace) -> int:
             with Study(options.store, name) as study:
                 if not options.study and len(study.axes) < 2:
                     continue  # nothing of two axes, and nobody has asked for it
+                if lacking := shortfall(study):
+                    complain(f"{name}: {lacking}; values are missing there, or may be wrong")
                 for quantity in options.quantity or QUANTITIES:
                     tell(f"{name}: {quantity}")
                     shown = study.map(quantity, axes=options.axes, orbit=options.orbit, at=at)

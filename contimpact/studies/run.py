@@ -363,6 +363,8 @@ class Tally:
     """Seconds since this run began."""
     estimate: float | None = None
     """Seconds this run was said to take."""
+    statuses: Mapping[str, int] = field(default_factory=dict)
+    """Scenes in the store by their status, those of earlier runs among them."""
 
     @property
     def left(self) -> int:
@@ -465,6 +467,7 @@ class _Computation:
         self.announce(f"{self.tally.total} scenes{known}")
         if self.waiting:
             self.compute_all()
+        self.tally.statuses = self.store.statuses(self.number)
         return self.tally
 
     def compute_all(self) -> None:

@@ -390,6 +390,12 @@ class Store:
             )
             return {scene for (scene,) in rows}
 
+    def statuses(self, study: int) -> dict[str, int]:
+        """Return how many scenes of a study there are in the store, by their status."""
+        query = "SELECT status, count(*) FROM scenes WHERE study = ? GROUP BY status"
+        with self.writing():
+            return dict(self.connection.execute(query, [study]).fetchall())
+
     def record(
         self, study: int, scene: int, coordinates: Mapping[str, float], outcome: Outcome
     ) -> None:

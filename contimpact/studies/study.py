@@ -300,6 +300,17 @@ def _events(study: Study, orbit: str) -> Iterator[tuple[int, list[Any]]]:
         yield int(scene), [row[1:] for row in own]
 
 
+def shortfall(study: Study) -> str:
+    """Return in words how many scenes of a study have failed, ended early or are not computed;
+    empty if none."""
+    query = "SELECT status, count(*) FROM scenes WHERE study = ? GROUP BY status"
+    counts = dict(study.rows(query, [study.number]))
+    ((total,),) = study.rows("SELECT scenes FROM studies WHERE study = ?", [study.number])
+    counts["not computed"] = total - sum(counts.values())
+    left = [f"{n} {what}" for what, n in counts.items() if n and what != "done"]
+    return f"of {total} scenes: {', '.join(left)}" if left else ""
+
+
 def _done(study: Study) -> Iterator[Any]:
     return study.rows(
         "SELECT scene FROM scenes WHERE study = ? AND status = 'done'", [study.number]

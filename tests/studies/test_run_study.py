@@ -424,3 +424,30 @@ def test_options_that_make_no_sense(more, message, tmp_path, capsys):
     study.write_text(TOML.format(name="small", count=2))
     assert main(["study", str(study), "-o", str(tmp_path / "s"), *more]) == 2
     assert message in capsys.readouterr().err
+
+
+def half_failing(scene, tell):
+    """Numbers fail in one scene, and another one is refused."""
+    if scene.model.values["r"] == 0.35:
+        raise InputError("scene", "refused", "give another")
+    diagram = follow(scene)
+    diagram.statistics["failure"] = "the computation failed"
+    return diagram
+
+
+@pytest.mark.parametrize("quiet", [False, True])
+def test_scenes_that_failed_are_told_also_of_earlier_runs(
+    quiet, here, tmp_path, capsys, monkeypatch
+):
+    study, store = tmp_path / "study.toml", str(tmp_path / "s.sqlite")
+    study.write_text(TOML.format(name="small", count=2))
+    monkeypatch.setattr(run, "follow", half_failing)
+    monkeypatch.setattr("contimpact.cli.study._workshop", lambda options: here)
+    command = ["study", str(study), "-o", store, *["-q"] * quiet]
+    for _ in range(2):
+        assert main(command) == 0
+        said = capsys.readouterr()
+        told = said.err if quiet else said.out
+        assert "2 failed and 2 incomplete: SELECT * FROM failures; --again" in told
+    assert main(["atlas", store, "-o", str(tmp_path / "maps"), "--no-plot"]) == 0
+    assert "small: of 4 scenes: 2 failed, 2 incomplete; values" in capsys.readouterr().err
