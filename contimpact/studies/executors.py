@@ -11,7 +11,7 @@ import importlib
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Any
@@ -74,9 +74,10 @@ def _pool(workers: int) -> Iterator[Executor]:
     begun = context.Event()
     with _one_thread_each():
         pool = ProcessPoolExecutor(workers, context, _start_worker, (begun,))
+        started = pool._processes
         try:
             yield pool
-            if pool._broken and not begun.is_set():
+            if pool._broken and not begun.is_set() and _ended_by_themselves(pool, started):
                 found = "its workers run this script again, and end before they begin"
                 accepted = 'write what calls it below the line  if __name__ == "__main__":'
                 raise InputError("run_study", found, accepted)
@@ -85,6 +86,12 @@ def _pool(workers: int) -> Iterator[Executor]:
             raise
         finally:
             pool.shutdown(cancel_futures=True)
+
+
+def _ended_by_themselves(pool: Any, started: Mapping[int, Any]) -> bool:
+    """Whether a worker of a broken pool has ended by itself, not by a signal."""
+    pool.shutdown(cancel_futures=True)
+    return any(process.exitcode == 1 for process in started.values())
 
 
 def refuse_to_start_again() -> None:

@@ -100,3 +100,8 @@ def killed_once(task):
         open(mark, "w").close()
         os.kill(os.getpid(), signal.SIGKILL)
     return compute(task)
+
+
+def killed_at_once(begun):
+    """Begin as a worker that is killed before it has begun."""
+    os.kill(os.getpid(), signal.SIGKILL)

@@ -11,7 +11,7 @@ import sqlite3
 import subprocess
 import sys
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 
 import pytest
 import small_studies
@@ -338,6 +338,14 @@ def test_a_script_that_its_workers_would_run_again_is_told_what_to_write(tmp_pat
         'write what calls it below the line  if __name__ == "__main__":'
     )
     assert (tmp_path / "started").read_text() == "xx"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends a POSIX signal")
+def test_a_worker_killed_before_it_begins_is_no_fault_of_a_script(monkeypatch):
+    """It is lost like any other, so that a new one takes its place."""
+    monkeypatch.setattr(executors, "_start_worker", small_studies.killed_at_once)
+    with executors.processes(1).opening(None) as pool, pytest.raises(BrokenExecutor):
+        pool.submit(int).result()
 
 
 @pytest.mark.full
