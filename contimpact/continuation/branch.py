@@ -279,13 +279,15 @@ class Event(Generic[E]):
 @dataclass(frozen=True)
 class MissedEvent:
     """A sign change that could not be located, with the reason; `arclength` is where on its walk,
-    infinite where that is not told, and `place` where on the orbit, empty likewise."""
+    infinite where that is not told, and `place` where on the orbit, empty likewise. `index` is the
+    value of the test function, if it is one that has changed."""
 
     kind: str
     parameters: tuple[float, float]
     reason: str
     arclength: float = np.inf
     place: str = ""
+    index: int | None = None
 
 
 NAMED = 6

@@ -172,6 +172,7 @@ BESIDE = 0.999
 ACCEPTED_ERROR = 1e-7
 """Newton on an extended system counts if its error is below this part of the parameter's scale."""
 
+NO_POINT = "no point of the branch was reached inside the bracket"
 NO_VALUE = "the test function has no value inside the bracket"
 JUMPS = "the test function jumps without passing through zero"
 
@@ -185,6 +186,7 @@ def locate(
     leaves the arc, the bracket is narrowed along the branch and Newton tried again; a bracket
     narrowed to rounding is itself the answer. None where it is no crossing.
     """
+    missed = functools.partial(_missed_between, test, arc, index)
     a, b, fa, fb = 0.0, 1.0, left, right
     first = _next_fraction(a, b, fa, fb, 0)
     event = test.locate_on(arc, first, index)
@@ -198,9 +200,7 @@ def locate(
         fraction = _next_fraction(a, b, fa, fb, attempt)
         guess = arc.at(fraction) or arc.at(a + BESIDE * (fraction - a))
         if guess is None:  # beside a branch point as well as on it
-            return missed_event(
-                test.kind, arc, "no point of the branch was reached inside the bracket"
-            )
+            return missed(NO_POINT, a, b)
         if attempt % 8 == 0:
             event = _locate_by_newton(test, arc, guess, index)
             if event is not None:
@@ -217,7 +217,7 @@ def locate(
             if not test.vanishing:
                 if b - a < CLOSED_IN:
                     break
-                return missed_event(test.kind, arc, NO_VALUE)
+                return missed(NO_VALUE, a, b)
             width = min(1.0, test.vanishing / abs(fb - fa)) * (b - a)
             return _locate_by_bracket(test, arc, guess, index, width)
         if (value >= 0.0) == (fa >= 0.0):
@@ -232,10 +232,10 @@ def locate(
         sides = arc.left if a == 0.0 else arc.at(a), arc.right if b == 1.0 else arc.at(b)
         if any(side is not None and test.enters(side, index) for side in sides):
             return None
-        return missed_event(test.kind, arc, JUMPS)
+        return missed(JUMPS, a, b)
     event = _locate_by_bracket(test, arc, guess, index, 0.0 if value == 0.0 else b - a)
     jumps = max(abs(fa), abs(fb)) > JUMPED * most and value != 0.0
-    return missed_event(test.kind, arc, JUMPS) if jumps and test.accept(event) else event
+    return missed(JUMPS, a, b) if jumps and test.accept(event) else event
 
 
 def _next_fraction(a: float, b: float, fa: float, fb: float, attempt: int) -> float:
@@ -278,6 +278,21 @@ def _locate_by_bracket(
     error += width * abs(arc.right.parameter - arc.left.parameter)
     residual = float(np.max(np.abs(here.residual)))
     return Event(test.kind, point, residual, error, "bracket", test.details(point, index))
+
+
+def _missed_between(
+    test: TestFunction, arc: Arc, index: int, reason: str, a: float, b: float
+) -> MissedEvent:
+    """What could not be located between two fractions of an arc; its place is told where they are
+    near to each other."""
+    missed = missed_event(test.kind, arc, reason, test.place_on_orbit(index))
+    start, span = arc.left.arclength, arc.right.arclength - arc.left.arclength
+    place = start + b * span if (b - a) * span <= NARROW else math.inf
+    return replace(missed, arclength=place, index=index)
+
+
+NARROW = 1e-8
+"""Length of a bracket that tells where on its walk something is missed."""
 
 
 def missed_event(kind: str, arc: Arc, reason: str, place: str = "") -> MissedEvent:

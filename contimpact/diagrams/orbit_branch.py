@@ -15,7 +15,7 @@ import numpy as np
 from ..arrays import Array
 from ..bifurcations.branch_point import BranchPoint
 from ..bifurcations.declarations import KINDS, SWITCHES, usual_events, wanted_kinds
-from ..bifurcations.kind import Start, primitive_start, switch, test_functions
+from ..bifurcations.kind import Change, Start, kind_of, primitive_start, switch, test_functions
 from ..bifurcations.requested import PERIOD
 from ..continuation.branch import (
     AT_BRANCH_POINTS,
@@ -504,7 +504,14 @@ class Run:
             entry_of(e, f"e{first_entry + i}", name, *self.around(e)) for i, e in enumerate(events)
         ]
         marks = [(event.point, entry) for event, entry in zip(events, entries, strict=True)]
-        lost = [m for m in (*backward.missed, *forward.missed) if not self._begins_at(m)]
+        start = backward.points[-1].arclength
+        ways = ((-1.0, backward), (1.0, forward))
+        lost = [
+            missed
+            for sign, walk in ways
+            for missed in walk.missed
+            if not self._is_explained(missed, start + sign * missed.arclength)
+        ]
         return Branch(
             id=name,
             word=problem.word.walls,
@@ -521,14 +528,22 @@ class Run:
             notes=list(dict.fromkeys([*backward.notes, *forward.notes])),
         )
 
-    def _begins_at(self, missed: MissedEvent) -> bool:
-        """Whether a change right at the start is that of the event at which the walks begin: one
-        of them has located it, and the count of unstable multipliers changes beside it only."""
-        start, problem = self.walks[0].points[0], self.problem
-        return missed.arclength < ON_CIRCLE and any(
-            event.kind in (missed.kind, *WITHOUT_MULTIPLIERS)
-            and problem.apart(event.point.unknowns, start.unknowns) < SAME_SOLUTION
-            for event in self.events
+    def _is_explained(self, missed: MissedEvent, place: float) -> bool:
+        """Whether an event explains that one is missed at an arclength: that of the same zero,
+        within its error, or at the start of the walks, where one of them has located the event and
+        the count of unstable multipliers changes beside it."""
+        kinds = [missed.kind]
+        if missed.index is None and kind_of(missed.kind).changes is Change.STABILITY:
+            kinds += WITHOUT_MULTIPLIERS
+        near = [e for e in self.events if abs(e.point.arclength - place) < ON_CIRCLE]
+        return any(
+            event.kind in kinds
+            and missed.index in (None, event.details.get("index"))
+            and (
+                missed.arclength < ON_CIRCLE
+                or min(abs(event.parameter - end) for end in missed.parameters) <= event.error
+            )
+            for event in near
         )
 
     def around(self, event: Event) -> tuple[Point, Point]:

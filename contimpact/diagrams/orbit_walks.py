@@ -114,17 +114,7 @@ def explain_changes(
         events += [event for event in found if not _is_recorded(event, events)]
         missed += lost
     events.sort(key=lambda event: event.point.arclength)
-    missed = [one for one in missed if not _is_located(one, events)]
     return replace(walk, events=events, missed=missed)
-
-
-def _is_located(missed: MissedEvent, events: Sequence[OrbitEvent]) -> bool:
-    """Whether an event is within its error of where one is missed: both are in its rounding."""
-    return any(
-        event.kind == missed.kind
-        and min(abs(event.parameter - end) for end in missed.parameters) <= event.error
-        for event in events
-    )
 
 
 def places_with_status(walk: Walk[Linearisation], settings: Settings) -> Array:

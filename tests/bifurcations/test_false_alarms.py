@@ -1,12 +1,17 @@
 """What looks like an event that was missed, and is none."""
 
+import dataclasses
 import importlib.util
+import math
 
 import numpy as np
 import pytest
 from zoo import ROOT
 
-from contimpact.diagrams.orbit_branch import continue_orbit
+from contimpact.bifurcations.kind import test_functions as functions_of
+from contimpact.continuation.branch import MissedEvent
+from contimpact.continuation.settings import Settings
+from contimpact.diagrams.orbit_branch import continue_orbit, walk_both_ways
 from contimpact.models.word import Word
 from contimpact.orbits.quiet import problem_of
 from contimpact.orbits.search import find_orbits, orbit_at
@@ -109,3 +114,30 @@ def test_no_grazing_is_seen_where_a_slip_vanishes_whose_impact_is_at_rest(value)
             found = continue_orbit(start, "V", (0.5, 0.7), **asked)
             assert [event.kind for event in found.events] == ["V"]
             assert found.missed == []
+
+
+def test_an_event_explains_only_what_is_missed_where_it_is():
+    """Not what is missed on another orbit at its value, nor in another flight."""
+    model = ImpactPair(beta="pi/6", r=0.3, A=5.0, s=0.34)
+    orbit = next(o for o in find_orbits(model, "1:1", parameter="s") if o.physical)
+    problem, asked = orbit.problem, (0.3, 0.4)
+    tests = functions_of(problem, ["PD", "G"], {})
+    run = walk_both_ways(problem, orbit.unknowns, asked, tests, Settings())
+    for kind in ("PD", "G"):
+        event = next(e for walk in run.walks for e in walk.events if e.kind == kind)
+        walk = next(w for w in run.walks if event in w.events)
+        index = event.details["index"] if kind == "G" else None
+        ends, place = (event.parameter, event.parameter + event.error), event.point.arclength
+        there = MissedEvent(kind, ends, "why", place, index=index)
+        far = dataclasses.replace(there, arclength=place + 0.01)
+        untold = dataclasses.replace(there, arclength=math.inf)
+        other = dataclasses.replace(there, index=99)
+
+        def left(missed, walk=walk):
+            walks = tuple(
+                dataclasses.replace(w, missed=[missed] if w is walk else []) for w in run.walks
+            )
+            return dataclasses.replace(run, walks=walks).branch("b1").missed
+
+        assert left(there) == []
+        assert all(len(left(missed)) == 1 for missed in (far, untold, other))

@@ -207,7 +207,7 @@ def test_a_value_that_ceases_to_exist_inside_a_bracket_is_reported():
     events, (missed,) = events_on(arc, test)
     assert events == []
     assert missed == MissedEvent(
-        "mine", (0.0, 1.0), "the test function has no value inside the bracket"
+        "mine", (0.0, 1.0), "the test function has no value inside the bracket", index=0
     )
 
 
