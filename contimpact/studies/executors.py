@@ -47,6 +47,8 @@ class Workshop:
     """How many workers an executor has; None where it does not say."""
     reopens: bool = True
     """Whether a broken executor can be replaced by a new one."""
+    joined: bool = False
+    """Whether workers join it, so that there may be none for a while."""
     own: bool = False
     """Whether the workers are processes started by this one."""
 
@@ -155,7 +157,7 @@ def dask(address: str) -> Workshop:
     Raises InputError if Dask is not installed.
     """
     _module("distributed", "dask", "--scheduler")
-    return Workshop("dask", functools.partial(_dask_client, address), _dask_workers)
+    return Workshop("dask", functools.partial(_dask_client, address), _dask_workers, joined=True)
 
 
 @contextlib.contextmanager

@@ -329,6 +329,8 @@ FEW = 24
 FOR_EACH = 4
 AHEAD = 2
 """Scenes given to each worker at once, so that none waits for the store."""
+LONG = 10.0
+"""Seconds without a finished scene after which it is looked whether there are workers."""
 PLAINLY = 0.1
 """Seconds that plain Python takes for the steps of a scene, roughly, by which it is decided whether
 compiling pays."""
@@ -525,7 +527,10 @@ class _Computation:
             while self.waiting and len(self.flying) < (width if self.ready else 1):
                 place = self.waiting.popleft()
                 self.flying[self.submit(executor, place)] = place
-            yield from wait(self.flying, return_when=FIRST_COMPLETED).done
+            done = wait(self.flying, LONG, FIRST_COMPLETED).done
+            if not done and self.workshop.joined and not self.workshop.workers(executor):
+                self.progress(f"{self.place()}, waiting for a worker: none has joined, or is left")
+            yield from done
 
     def submit(self, executor: Executor, place: int) -> Future[Outcome]:
         try:
@@ -588,11 +593,16 @@ class _Computation:
         tally, each = self.tally, self.clock.each()
         if each is not None and tally.estimate is None and self.clock.counted == self.few:
             self.estimate(each)
-        text = f"{tally.before + tally.done} of {tally.total} scenes"
-        text += f", {tally.failed} failed" if tally.failed else ""
+        text = self.place()
         if each:
             text += f", {1 / each:.3g}/s, {duration(tally.left * each)} left"
         self.progress(text)
+
+    def place(self) -> str:
+        """How far it is."""
+        tally = self.tally
+        text = f"{tally.before + tally.done} of {tally.total} scenes"
+        return text + (f", {tally.failed} failed" if tally.failed else "")
 
     def estimate(self, each: float) -> None:
         elapsed = time.monotonic() - self.clock.began

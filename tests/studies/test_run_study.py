@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import math
 import os
 import random
@@ -10,6 +11,7 @@ import signal
 import sqlite3
 import subprocess
 import sys
+import threading
 import time
 from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 
@@ -346,6 +348,24 @@ def test_a_worker_killed_before_it_begins_is_no_fault_of_a_script(monkeypatch):
     monkeypatch.setattr(executors, "_start_worker", small_studies.killed_at_once)
     with executors.processes(1).opening(None) as pool, pytest.raises(BrokenExecutor):
         pool.submit(int).result()
+
+
+def test_it_is_said_that_a_study_waits_for_workers(tmp_path, monkeypatch):
+    """As on a scheduler that no worker has joined yet."""
+    lines, joining = [], threading.Event()
+    monkeypatch.setattr(run, "LONG", 0.05)
+
+    def tell(text):
+        lines.append(text)
+        joining.set()
+
+    with ThreadPoolExecutor(1) as executor:
+        executor.submit(joining.wait, 60.0)
+        own = executors.given(executor)
+        workshop = dataclasses.replace(own, joined=True, workers=lambda executor: None)
+        tally, _ = computed(tmp_path / "s.sqlite", study_given(), workshop, progress=tell)
+    assert lines[0] == "0 of 4 scenes, waiting for a worker: none has joined, or is left"
+    assert tally.done == 4
 
 
 @pytest.mark.full
