@@ -22,12 +22,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..continuation.branch import Details, EndKind, Evaluation, Event, Point, TestFunction
-from ..continuation.corrector import (
-    border_jacobian,
-    first_tangent,
-    orient_vector,
-    scaled_determinant,
-)
+from ..continuation.corrector import border_jacobian, first_tangent, log_determinant, orient_vector
 from ..models.word import Word, repetitions
 from ..orbits.problem import Linearisation, OrbitProblem, rounding
 from ..orbits.quiet import problem_of
@@ -684,6 +679,10 @@ class DegenerateTouch(CurveTest):
         ]
 
 
+SMALLEST = -700.0
+"""Least logarithm of a determinant that is told from zero."""
+
+
 class TouchSingular(CurveTest):
     """A multiplier of the orbit, counted as one of a word, is mu."""
 
@@ -694,9 +693,13 @@ class TouchSingular(CurveTest):
 
     def of(self, here: CurvePoint) -> ArrayLike:
         orbit = self.counted(here)
-        free = self.mu == 1.0 and orbit.problem.autonomous  # C(1) is singular: of shifts in time
+        problem = orbit.problem
+        sizes = problem.scale(orbit.unknowns, 1.0)
+        free = self.mu == 1.0 and problem.autonomous  # C(1) is singular: of shifts in time
         matrix = orbit.jacobian if free else orbit.cyclic(self.mu)
-        return scaled_determinant(matrix[:, : orbit.problem.n])
+        rows = problem.residual_sizes(sizes)[:, None]  # its own may vanish, as at rest
+        sign, logarithm = log_determinant(matrix[:, : problem.n] * sizes[: problem.n] / rows)
+        return sign * math.exp(max(logarithm, SMALLEST))
 
     def other(self, here: CurvePoint, index: int) -> tuple[str, Details] | None:
         same = self.counted(here) is here.orbit
@@ -732,7 +735,10 @@ class FoldBorn(TouchSingular):
     def of(self, here: CurvePoint) -> ArrayLike:
         flight, _, since = self.touch(here)
         begin, _ = here.orbit.problem.times_around(here.orbit.unknowns, flight)
-        return np.nan if _leaves_no_trace(self.counted(here), begin + since) else super().of(here)
+        if _leaves_no_trace(self.counted(here), begin + since):
+            return np.nan
+        acceleration = DegenerateTouch(self.touch).of(here)  # a factor, which is no fold's
+        return np.sign(acceleration) * np.asarray(super().of(here))
 
 
 NO_TRACE = 1e-7
