@@ -284,6 +284,10 @@ WIDEST_SPAN = 1e3
 OUTGROWN = 8.0
 """Lengths are measured anew where a natural size has grown by this factor."""
 
+SHORT_OF = (0.99, 0.9, 0.5)
+"""Parts of the way to an end up to which it is seen whether an event is missed before it; nearer to
+an end where branches cross, no point may be reached."""
+
 AT_START = 1e-9
 """An event this near to a branch point a walk starts from is one of the branch it comes from."""
 
@@ -677,12 +681,14 @@ class _Walker:
             self.points.extend(piece, done, i)
             point = new[i]
             asked = self.callback is not None and self.callback(point)
-            around = seen.stretch(i, marked[i]) if i in marked else None
+            around, known = seen.stretch(i, marked[i]) if i in marked else None, len(self.missed)
             found = self.events_before(point, around, ending) if around is not None else []
             self.points.extend(piece, i, i + 1)
             done = i + 1
             for policy in self.ending:
                 if stopped := policy.accepted(point, found):
+                    if len(self.points) > 1:
+                        self.forget_past(known, self.arc(self.points[-2], point), stopped[1])
                     return self.stopped(*stopped)
             if asked:
                 return self.end(ending or EndKind.STOPPED)
@@ -744,6 +750,24 @@ class _Walker:
         """
         place = event.point.arclength
         return self.branching and (place < AT_START or place > again - SAME_SOLUTION)
+
+    def forget_past(self, known: int, arc: Arc, last: Point) -> None:
+        """Forget what is missed on the last arc, behind those known before, but not before its
+        end."""
+        new = self.missed[known:]
+        self.missed[known:] = [one for one in new if not self.is_past(one, arc, last)]
+
+    def is_past(self, missed: MissedEvent, arc: Arc, last: Point) -> bool:
+        """Whether what is missed on an arc happens at the end that was found there, or beyond: no
+        value has changed its sign just before it."""
+        way = (last.arclength - arc.left.arclength) / (arc.right.arclength - arc.left.arclength)
+        before = next(filter(None, (arc.at(part * way) for part in SHORT_OF)), None)
+        if before is None or missed.index is None:
+            return False
+        place = slice(missed.index, missed.index + 1)
+        tests = [test for test in self.tests if test.kind == missed.kind]
+        products = [test.at(arc.left)[place] * test.at(before)[place] for test in tests]
+        return bool(np.all(np.concatenate(products) > 0.0))
 
     def stopped(self, end: End, last: Point) -> End:
         """Let the walk end at a point before the last one."""

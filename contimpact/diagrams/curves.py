@@ -254,6 +254,30 @@ def _mean_half(here: Linearisation) -> Array:
     return np.append(mean.ravel(), here.unknowns[problem.n :])
 
 
+class ShorterEnd(Policy):
+    """Ends a walk from which no step leads on at the orbit run twice that is next to its last one:
+    there curves cross, and steps over the crossing may fail."""
+
+    def ended(self, walk: Walk) -> Walk:
+        last = walk.points[-1]
+        found = solve_repetition(last.evaluation) if walk.end.kind is EndKind.STEP else None
+        if found is None:
+            return walk
+        problem = last.evaluation.problem
+        away = found.unknowns - last.unknowns
+        distance = length(away, problem.scale(found.unknowns, abs(found.unknowns[-1])))
+        if not (distance < BESIDE_SHORTER and away @ last.tangent > 0.0):
+            return walk
+        here = problem.evaluate(found.unknowns)
+        reached = replace(last, evaluation=here, arclength=last.arclength + distance, iterations=0)
+        assert isinstance(walk.points, Points)
+        walk.points.extend(reached, 0, 1)
+        return replace(walk, end=repetition_end(reached))
+
+
+BESIDE_SHORTER = 1e-3
+"""Distance to the orbit run twice at which a curve ends there, if no step leads on."""
+
 Range = tuple[float, float]
 
 ON_LIMIT = 1e-12
@@ -382,7 +406,7 @@ def walk_curve(
             tests=[*watched, SecondValue(values), *special],
             settings=settings,
             callback=callback,
-            policies=[LeavingEnd(problem.kind, watched)],
+            policies=[LeavingEnd(problem.kind, watched), *([ShorterEnd()] if again else [])],
             meeting=crossing if again else None,
             backend=backend_of(problem),
         )

@@ -576,10 +576,11 @@ def test_no_point_is_found_by_rounding_beside_an_end_at_a_shorter_orbit(r):
     assert points == pytest.approx(expected, abs=1e-12)
 
 
-def shipped(scene, label):
+def shipped(scene, label, notation=None):
     """An entry of a shipped catalogue, and its model."""
     entries = load_entries(ROOT / "branches" / scene)
-    entry = next(e for e in entries if e.label.lstrip("~") == label)
+    labelled = (e for e in entries if e.label.lstrip("~") == label)
+    entry = next(e for e in labelled if notation in (None, e.notation))
     return entry, entry.orbit().problem.model
 
 
@@ -621,3 +622,27 @@ def test_a_free_cycle_that_touches_a_guard_at_zero_is_read_and_followed():
         assert (curve.points, curve.missed) == ([], [])
     grazing, stopping = (curve["V"][rows_at(curve, [2.95, 3.05])] for curve in curves)
     np.testing.assert_allclose(grazing, stopping, rtol=1e-12)
+
+
+@pytest.mark.quick(1)
+def test_a_velocity_that_is_forgotten_at_one_stiffness_makes_a_point():
+    """A kick changes an oscillator's position after a period by sin(w T)/w, w^2 = k - c^2/4: not
+    where w is the forcing's frequency. The row of C(1) vanishes there, and so scaled, its
+    determinant jumped."""
+    entry, model = shipped("stop", "V[1->0]")
+    curve = follow_curve(entry, model, "k", (0.05, 0.2), (0.9, 1.1))
+    assert curve.missed == []
+    ((kind, k),) = ((p.kind, p.parameters["k"]) for p in curve.points)
+    expected = model.values["omega"] ** 2 + model.values["c"] ** 2 / 4
+    assert kind == "G-FB"
+    assert k == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.quick(1)
+def test_nothing_is_missed_at_an_end_in_a_shorter_orbit():
+    """The cusp's test function vanishes at the end by symmetry, to the third order."""
+    entry, model = shipped("fig3d", "FB", "1:1/2T")
+    value = model.values["r"]
+    curve = follow_curve(entry, model, "r", (2.5, 3.94), (0.9 * value, 1.1 * value))
+    assert "SHORTER" in {end.kind.name for end in curve.ends}
+    assert (curve.points, curve.missed) == ([], [])
