@@ -454,6 +454,10 @@ def _user_test(given: UserEvent) -> TestFunction:
     return UserFunction(kind, value)
 
 
+ONE_ZERO = 1e-2
+"""Arclength within which one zero is located and missed, if its error in the parameter says so."""
+
+
 @dataclass(frozen=True, eq=False)
 class Run:
     """A branch just walked: its points and events in order, not yet tabulated.
@@ -535,15 +539,19 @@ class Run:
         kinds = [missed.kind]
         if missed.index is None and kind_of(missed.kind).changes is Change.STABILITY:
             kinds += WITHOUT_MULTIPLIERS
-        near = [e for e in self.events if abs(e.point.arclength - place) < ON_CIRCLE]
+
+        def explains(event: Event) -> bool:
+            away = abs(event.point.arclength - place)
+            if missed.arclength < ON_CIRCLE and away < ON_CIRCLE:
+                return True
+            off = min(abs(event.parameter - end) for end in missed.parameters)
+            return away < ONE_ZERO and off <= event.error
+
         return any(
             event.kind in kinds
             and missed.index in (None, event.details.get("index"))
-            and (
-                missed.arclength < ON_CIRCLE
-                or min(abs(event.parameter - end) for end in missed.parameters) <= event.error
-            )
-            for event in near
+            and explains(event)
+            for event in self.events
         )
 
     def around(self, event: Event) -> tuple[Point, Point]:
