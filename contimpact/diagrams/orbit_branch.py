@@ -545,7 +545,8 @@ class Run:
             if missed.arclength < ON_CIRCLE and away < ON_CIRCLE:
                 return True
             off = min(abs(event.parameter - end) for end in missed.parameters)
-            return away < ONE_ZERO and off <= event.error
+            near = ON_CIRCLE if missed.index is None else ONE_ZERO
+            return away < near and off <= event.error
 
         return any(
             event.kind in kinds
