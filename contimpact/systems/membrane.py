@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 STEEL = 7850.0
 """Density of steel, kg/m^3; the ball is taken to be of steel where nothing else is said."""
 RADIUS = 5.0e-3
+SOFT = "delta_0"
+"""A parameter that only the soft pair has."""
 
 
 @explain_arguments
@@ -126,4 +128,7 @@ def velocity_scale(parameters: Mapping[str, Any]) -> Any:
     except KeyError as error:
         found = f"the system has no parameter {error}"
         raise InputError("energy", found, "use the impact pair") from None
+    if SOFT in parameters:  # it leaves its membranes at events of its own, which are no impacts
+        found = f"a pair whose contacts last: it has a parameter {SOFT!r}"
+        raise InputError("energy", found, "use the impact pair")
     return amplitude * math.pi / (mass * omega)

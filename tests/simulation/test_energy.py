@@ -13,8 +13,11 @@ from contimpact.errors import InputError
 from contimpact.orbits.search import find_orbits
 from contimpact.results.quantities import branch_voltages, impact_voltages
 from contimpact.simulation.attractor import Attractor, Kind
-from contimpact.simulation.energy import attractor_voltages
+from contimpact.simulation.energy import attractor_voltages, energy
+from contimpact.simulation.settle import settle
+from contimpact.simulation.simulator import Simulator
 from contimpact.systems.membrane import Membrane, velocity_scale
+from contimpact.systems.soft_pair import SoftPair
 
 
 def plain_voltage(membrane, velocity):
@@ -128,3 +131,17 @@ def test_refused_constants(given, where):
 def test_other_systems_have_no_membranes(oscillator):
     with pytest.raises(InputError):
         velocity_scale(oscillator().values)
+
+
+def test_a_pair_whose_contacts_last_has_no_voltages():
+    """It leaves its membranes at events of its own, which were counted as impacts."""
+    soft = SoftPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.45, k=500.0)
+    orbit = find_orbits(soft, "BbTt", rng=0)[0]
+    branch = continue_orbit(orbit, "s", range=(0.449, 0.451), events=[])
+    attractor = settle(Simulator(soft))
+    assert attractor.notation == "BbTt"
+    for of in (orbit, branch, attractor):
+        with pytest.raises(InputError, match="use the impact pair"):
+            energy(of)
+    with pytest.raises(InputError, match="use the impact pair"):
+        orbit.mean("U", per_time=True, harvester=Membrane())
