@@ -342,9 +342,11 @@ def _speeds(branch: Branch, interval: Interval) -> tuple[list[float], list[float
     """Largest impact speeds of the orbits of an interval, at rising values of the parameter."""
     values = branch[branch.parameter]
     good = branch.stable & branch.physical
-    names = branch["event"]
-    ends = np.isin(names, [bound for bound in interval.bounds if bound])
-    inside = (good | ends) & (values >= interval.low) & (values <= interval.high)
+    ends = np.isin(branch["event"], [bound for bound in interval.bounds if bound])
+    inside = np.zeros(len(values), dtype=bool)
+    for first, last in interval.rows:
+        inside[first : last + 1] = True
+    inside &= good | ends
     if not branch.velocities.size:
         return [], []
     order = np.argsort(values[inside], kind="stable")

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from math import isclose
 from typing import Any, Protocol
 
@@ -47,6 +47,8 @@ class Interval:
     low: float
     high: float
     bounds: tuple[str | None, str | None]
+    rows: tuple[tuple[int, int], ...] = field(default=(), repr=False, compare=False)
+    """First and last row of each part of the branch that it consists of."""
 
 
 @dataclass(frozen=True)
@@ -193,6 +195,8 @@ class Reading:
         """Return plain data."""
         lists = asdict(self)
         del lists["survey"], lists["labels"]  # the catalogue's own keys
+        for interval in (*lists["stable"], *lists["unknown"]):
+            del interval["rows"]
         for name in ("crises", "scenarios"):
             if not lists[name]:
                 del lists[name]
@@ -315,7 +319,8 @@ def stable_intervals(branch: Branch | DiagramSurvey) -> list[Interval]:
         for two in itertools.pairwise(ends):
             places = [(float(values[row]), name) for row, name in two]
             (low, low_name), (high, high_name) = sorted(places, key=lambda place: place[0])
-            found.append(Interval(branch.id, branch.notation, low, high, (low_name, high_name)))
+            bounds, rows = (low_name, high_name), ((two[0][0], two[1][0]),)
+            found.append(Interval(branch.id, branch.notation, low, high, bounds, rows))
     joined = _join_intervals(found)
     return _join_at_seam(joined) if branch.ends[0].kind is EndKind.CLOSED else joined
 
@@ -373,12 +378,13 @@ def _join_intervals(intervals: list[Interval]) -> list[Interval]:
     joined: list[Interval] = []
     for interval in intervals:
         last = joined[-1] if joined else None
+        rows = (*last.rows, *interval.rows) if last else ()
         if last is not None and interval.low == last.high:
             bounds = (last.bounds[0], interval.bounds[1])
-            joined[-1] = Interval(last.branch, last.notation, last.low, interval.high, bounds)
+            joined[-1] = replace(last, high=interval.high, bounds=bounds, rows=rows)
         elif last is not None and interval.high == last.low:
             bounds = (interval.bounds[0], last.bounds[1])
-            joined[-1] = Interval(last.branch, last.notation, interval.low, last.high, bounds)
+            joined[-1] = replace(last, low=interval.low, bounds=bounds, rows=rows)
         else:
             joined.append(interval)
     return joined
@@ -394,7 +400,8 @@ def _join_at_seam(intervals: list[Interval]) -> list[Interval]:
     if (low.bounds[1], high.bounds[0]) != (closed, closed) or not isclose(low.high, high.low):
         return intervals
     bounds = (low.bounds[0], high.bounds[1])
-    return [Interval(first.branch, first.notation, low.low, high.high, bounds), *others]
+    rows = (*first.rows, *last.rows)
+    return [replace(first, low=low.low, high=high.high, bounds=bounds, rows=rows), *others]
 
 
 def _bistable(

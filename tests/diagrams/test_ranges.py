@@ -127,6 +127,20 @@ def test_speeds_are_those_of_the_orbits(fig7):
     assert motion.speed(0.5, 0.6) > motion.speed(0.5, 0.5)
 
 
+def test_speeds_of_two_stable_stretches_of_one_branch_are_told_apart():
+    """Two orbits 2:2 of the soft stop are stable there, the second slower by a quarter."""
+    found = load_ranges(ROOT / "branches/soft_stop")
+    value, branch = 0.70286, ci.load_diagram(ROOT / "branches/soft_stop")["b3"]
+    mine = [one.motion for one in found.at(value).observed if one.motion.branch == "b3"]
+    known = []
+    for rows in (slice(21, 24), slice(37, 64)):
+        values, speeds = branch[branch.parameter][rows], np.abs(branch.velocities[rows]).max(axis=1)
+        order = np.argsort(values)
+        known.append(float(np.interp(value, values[order], speeds[order])))
+    assert [motion.speed(value, value) for motion in mine] == pytest.approx(known, rel=1e-12)
+    assert known[1] < 0.8 * known[0]
+
+
 def test_how_far_the_ends_are(fig7):
     distance, end = fig7.at(0.356).observed[0].motion.nearest(0.356)
     assert distance == pytest.approx(0.35689527700013085 - 0.356, abs=1e-12)
