@@ -65,7 +65,7 @@ def test_the_grazing_of_a_ball_that_hardly_rebounds(r):
     model = ImpactPair(beta=math.pi / 6, r=r, A=5.0, s=0.45)
     for run in walked(model, (0.1, 1.0)):
         (grazing,) = [e for e in run.events if e.kind == "G"]
-        assert run.branch("b1", 1).missed == []
+        assert not any(walk.missed for walk in run.walks) or run.branch("b1", 1).missed == []
         first = grazing.point.unknowns[0]
         p = model.values
         gravity = p["M"] * p["g"] * math.sin(p["beta"]) / p["A"]
