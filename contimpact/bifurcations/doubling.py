@@ -47,6 +47,8 @@ from .kind import (
     GrazingCoincides,
     Kind,
     Look,
+    MultiplierCoincides,
+    PairCoincides,
     Resonance,
     SecondEigenvector,
     Start,
@@ -55,6 +57,7 @@ from .kind import (
     Values,
     declared,
     double_orbit,
+    scaled_determinant,
 )
 
 
@@ -71,13 +74,14 @@ class PeriodDoubling(SingularTest):
 
 
 class DoublingTurns(CurveTest):
-    """GPD: the numerator of c, which has no pole where the curve turns in lambda."""
+    """GPD: the numerator of c, which has no pole where the curve turns in lambda, times det C(1),
+    which leaves it none where the orbit also folds."""
 
     kind = "GPD"
     changes = "the period doubling changes between supercritical and subcritical"
 
     def of(self, here: CurvePoint) -> float:
-        return _bend(here.orbit)[0]
+        return _bend(here.orbit)[0] * scaled_determinant(here.orbit, 1.0)
 
     def born(self, here: CurvePoint, index: int) -> list[CurveStart]:
         """The fold of the doubled orbit, z = z_0 + a (q, -q) + a^2 (w, w), at a = 0."""
@@ -169,7 +173,9 @@ class PD(Kind):
 
     def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
         double = Resonance("R2", -1.0), SecondEigenvector("PD-PD", -1.0)
-        return [DoublingGrazes(self.name), StopCoincides(self.name), DoublingTurns(), *double]
+        also = MultiplierCoincides(self, 1.0), PairCoincides(self)
+        first = DoublingGrazes(self.name), StopCoincides(self.name), DoublingTurns()
+        return [*first, *double, *also]
 
 
 def _second_order_term(here: Linearisation, q: Array) -> Array:

@@ -25,6 +25,8 @@ from .kind import (
     GrazingCoincides,
     Kind,
     Look,
+    MultiplierCoincides,
+    PairCoincides,
     Resonance,
     SecondEigenvector,
     StopCoincides,
@@ -84,4 +86,6 @@ class FB(Kind):
 
     def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
         double = Resonance("R1", 1.0), SecondEigenvector("FB-BP", 1.0)
-        return [GrazingCoincides(self.name), StopCoincides(self.name), Cusp(), *double]
+        also = MultiplierCoincides(self, -1.0), PairCoincides(self)
+        first = GrazingCoincides(self.name), StopCoincides(self.name), Cusp()
+        return [*first, *double, *also]

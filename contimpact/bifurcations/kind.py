@@ -27,7 +27,14 @@ from ..models.word import Word, repetitions
 from ..orbits.problem import Linearisation, OrbitProblem, rounding
 from ..orbits.quiet import problem_of
 from ..orbits.search import first_lap, reduce_period
-from ..orbits.status import UNIT_CIRCLE_ROUNDING, Verdict, count_unstable, neimark_sacker
+from ..orbits.status import (
+    UNIT_CIRCLE_ROUNDING,
+    Verdict,
+    count_unstable,
+    neimark_sacker,
+    pair_on_circle,
+    products_of,
+)
 from ..segments.flight import Touch
 from .declarations import CROSSINGS, FILES, unknown_kind
 from .equations import Equations as Equations
@@ -313,6 +320,10 @@ class Kind(ABC):
             return []
         return [int(np.argmin(np.abs(multipliers - self.multiplier)))]
 
+    def others(self, here: Linearisation) -> Array:
+        """Return the multipliers of an orbit that are not the event's."""
+        return np.delete(here.multipliers, self.critical(here.multipliers))
+
     def multipliers(self, here: Linearisation, details: Details) -> tuple[Array, int]:
         """Return the orbit's multipliers, and how many outside the unit circle are not the
         event's."""
@@ -461,6 +472,10 @@ def switch(event: OrbitEvent) -> Start | None:
 #                     with one eigenvector
 # FB-BP, FB, PD       the same with an eigenvector of its own for each
 # PD-PD
+# FB-PD, FB, PD, NS   determinant of C(-1) or C(1) of the orbit whose critical multiplier is another
+# ..-FB, (m > 2)      one: both bifurcate at once, as in the fold-flip
+# NS-PD
+# ..-NS  FB, PD, NS   products of two multipliers that are not critical, minus one
 # ====== ============ ======================================================================
 #
 # Those of one kind alone stand with it: CP in `fold`, GPD in `doubling`. They are located by
@@ -507,6 +522,8 @@ MARKERS = dict.fromkeys(CROSSINGS, "o") | {
     "R2": ">",
     "FB-BP": "d",
     "PD-PD": "d",
+    "FB-PD": "h",
+    "PD-FB": "h",
 }
 """Markers of the points in pictures."""
 
@@ -621,7 +638,7 @@ class Resonance(CurveTest):
 
     def enters(self, point: Point[CurvePoint], index: int) -> bool:
         """Where an impact is at rest, multipliers pass through infinity."""
-        return bool(point.evaluation.orbit.resting)
+        return point.evaluation.orbit.unbounded
 
     def accept(self, event: Event[CurvePoint]) -> bool:
         """Whether there is one eigenvector."""
@@ -654,6 +671,99 @@ class SecondEigenvector(Resonance):
         return []
 
 
+SMALLEST = -700.0
+"""Least logarithm of a determinant that is told from zero."""
+
+
+def scaled_determinant(orbit: Linearisation, mu: float) -> float:
+    """Return the determinant of C(mu) in natural sizes, which has the sign of its own."""
+    problem = orbit.problem
+    sizes = problem.scale(orbit.unknowns, 1.0)
+    free = mu == 1.0 and problem.autonomous  # C(1) is singular: of shifts in time
+    matrix = orbit.jacobian if free else orbit.cyclic(mu)
+    rows = problem.residual_sizes(sizes)[:, None]  # its own may vanish, as at rest
+    sign, logarithm = log_determinant(matrix[:, : problem.n] * sizes[: problem.n] / rows)
+    return sign * math.exp(max(logarithm, SMALLEST))
+
+
+class MultiplierReached(CurveTest):
+    """A multiplier of the orbit, counted as one of a word, is mu."""
+
+    def __init__(
+        self, kind: str, changes: str, mu: float, counted: Callable[[CurvePoint], Linearisation]
+    ) -> None:
+        self.kind, self.changes, self.mu, self.counted = kind, changes, mu, counted
+
+    def of(self, here: CurvePoint) -> ArrayLike:
+        return scaled_determinant(self.counted(here), self.mu)
+
+    def other(self, here: CurvePoint, index: int) -> tuple[str, Details] | None:
+        same = self.counted(here) is here.orbit
+        return (self.event, {}) if same else None
+
+    @property
+    def event(self) -> str:
+        """The kind of event of which the orbit has the multiplier."""
+        return "FB" if self.mu > 0.0 else "PD"
+
+    def born(self, here: CurvePoint, index: int) -> list[CurveStart]:
+        return [CurveStart(self.event, self.counted(here))]
+
+
+class MultiplierCoincides(MultiplierReached):
+    """Another multiplier of the bifurcating orbit is 1 or -1; with two there is no other one, as
+    their product is positive."""
+
+    def __init__(self, kind: Kind, mu: float) -> None:
+        super().__init__("", "", mu, lambda here: here.orbit)
+        self.own, self.kind = kind, f"{kind.name}-{self.event}"
+        self.changes = coincide(kind.name, self.event)
+
+    def of(self, here: CurvePoint) -> ArrayLike:
+        if here.orbit.problem.m <= 2:
+            return []
+        value = np.asarray(super().of(here))
+        return value if self.own.multiplier else value / abs(1.0 - self.mu * here.own[-1])
+
+    def accept(self, event: Event[CurvePoint]) -> bool:
+        """Where the pair of an NS meets it has the multiplier, too."""
+        others = self.own.others(event.point.evaluation.orbit)
+        return bool(np.min(np.abs(others - self.mu)) < REACHED)
+
+
+REACHED = 1e-6
+"""Distance within which a multiplier is that of a zero of its determinant."""
+
+
+def coincide(kind: str, other: str) -> str:
+    """Return what happens where two events of one orbit coincide on a curve of the first."""
+    return f"{kind} and {other} happen on the same orbit: their curves cross"
+
+
+class PairCoincides(CurveTest):
+    """A pair of other multipliers of the bifurcating orbit is on the unit circle."""
+
+    noise = Resonance.noise
+
+    def __init__(self, kind: Kind) -> None:
+        self.own, self.kind = kind, f"{kind.name}-NS"
+        self.changes = coincide(kind.name, "NS")
+
+    def of(self, here: CurvePoint) -> ArrayLike:
+        others = self.own.others(here.orbit)
+        return neimark_sacker(products_of(others)) if len(others) > 1 else []
+
+    def enters(self, point: Point[CurvePoint], index: int) -> bool:
+        """Where an impact is at rest, multipliers pass through infinity."""
+        return point.evaluation.orbit.unbounded
+
+    def accept(self, event: Event[CurvePoint]) -> bool:
+        return pair_on_circle(self.own.others(event.point.evaluation.orbit))
+
+    def other(self, here: CurvePoint, index: int) -> tuple[str, Details] | None:
+        return None if self.own.name == "NS" else ("NS", {})
+
+
 # On curves of orbits that touch a wall, seen from the shorter or from the longer word.
 
 TouchPlace: TypeAlias = "Callable[[CurvePoint], tuple[int, str, float]]"
@@ -679,42 +789,7 @@ class DegenerateTouch(CurveTest):
         ]
 
 
-SMALLEST = -700.0
-"""Least logarithm of a determinant that is told from zero."""
-
-
-class TouchSingular(CurveTest):
-    """A multiplier of the orbit, counted as one of a word, is mu."""
-
-    def __init__(
-        self, kind: str, changes: str, mu: float, counted: Callable[[CurvePoint], Linearisation]
-    ) -> None:
-        self.kind, self.changes, self.mu, self.counted = kind, changes, mu, counted
-
-    def of(self, here: CurvePoint) -> ArrayLike:
-        orbit = self.counted(here)
-        problem = orbit.problem
-        sizes = problem.scale(orbit.unknowns, 1.0)
-        free = self.mu == 1.0 and problem.autonomous  # C(1) is singular: of shifts in time
-        matrix = orbit.jacobian if free else orbit.cyclic(self.mu)
-        rows = problem.residual_sizes(sizes)[:, None]  # its own may vanish, as at rest
-        sign, logarithm = log_determinant(matrix[:, : problem.n] * sizes[: problem.n] / rows)
-        return sign * math.exp(max(logarithm, SMALLEST))
-
-    def other(self, here: CurvePoint, index: int) -> tuple[str, Details] | None:
-        same = self.counted(here) is here.orbit
-        return (self.event, {}) if same else None
-
-    @property
-    def event(self) -> str:
-        """The kind of event of which the orbit has the multiplier."""
-        return "FB" if self.mu > 0.0 else "PD"
-
-    def born(self, here: CurvePoint, index: int) -> list[CurveStart]:
-        return [CurveStart(self.event, self.counted(here))]
-
-
-class FoldBorn(TouchSingular):
+class FoldBorn(MultiplierReached):
     """The branch with the touch as an impact begins with a fold.
 
     The impact's velocity changes the parameter linearly along that branch, with a rate that is zero
@@ -779,7 +854,7 @@ def touch_points(
         doubles = "the grazing orbit doubles its period here: the grazing is real on one side only"
         folds = "the branch that grazes folds at its grazing"
         points += [
-            TouchSingular("G-PD", doubles, -1.0, shorter),
-            TouchSingular("G-FB", folds, 1.0, shorter),
+            MultiplierReached("G-PD", doubles, -1.0, shorter),
+            MultiplierReached("G-FB", folds, 1.0, shorter),
         ]
     return points

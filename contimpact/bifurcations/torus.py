@@ -15,7 +15,7 @@ import numpy as np
 from ..continuation.branch import EndKind, Point, TestFunction
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding
-from ..orbits.status import neimark_sacker
+from ..orbits.status import neimark_sacker, pair_on_circle
 from .extended_system import (
     ExtendedSystem,
     OrbitEvent,
@@ -35,6 +35,8 @@ from .kind import (
     GrazingCoincides,
     Kind,
     Look,
+    MultiplierCoincides,
+    PairCoincides,
     StopCoincides,
     System,
     Values,
@@ -57,13 +59,10 @@ class NeimarkSacker(OrbitTest):
     def enters(self, point: OrbitPoint, index: int) -> bool:
         """Where an impact is at rest, multipliers are quotients of rounding: a jump there says
         nothing."""
-        return bool(point.evaluation.resting)
+        return point.evaluation.unbounded
 
     def accept(self, event: OrbitEvent) -> bool:
-        """Two real multipliers with the product one are a neutral saddle."""
-        multipliers = event.point.evaluation.multipliers
-        on_circle = np.abs(np.abs(multipliers) - 1.0) < 1e-6
-        return bool(np.any(on_circle & (np.abs(multipliers.imag) > 1e-8)))
+        return pair_on_circle(event.point.evaluation.multipliers)
 
 
 class SingularPair(ExtendedSystem):
@@ -194,4 +193,6 @@ class NS(Kind):
 
     def codimension_two(self, word: Word) -> list[TestFunction]:
         grazes, stops = GrazingCoincides(self.name), StopCoincides(self.name)
-        return [grazes, stops, StrongResonance(3), StrongResonance(4)]
+        also = [MultiplierCoincides(self, 1.0), MultiplierCoincides(self, -1.0)]
+        resonances = [StrongResonance(3), StrongResonance(4)]
+        return [grazes, stops, *resonances, *also, PairCoincides(self)]

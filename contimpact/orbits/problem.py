@@ -417,6 +417,11 @@ class Linearisation:
         velocities = problem.impacts(self.unknowns)[: len(problem.word), 1]
         return np.nonzero(np.abs(velocities) < AT_REST * speeds)[0].tolist()
 
+    @property
+    def unbounded(self) -> bool:
+        """Whether a multiplier is infinite, or a quotient of rounding: an impact is at rest."""
+        return bool(self.resting) or not bool(np.isfinite(self.multipliers).all())
+
     @functools.cached_property
     def findings(self) -> Sequence[float]:
         """What `physicality.verdict` says of the orbit."""

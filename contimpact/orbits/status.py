@@ -277,6 +277,13 @@ def neimark_sacker(products: Array) -> Array:
     return np.asarray(np.prod(np.where(np.isfinite(products), parts, 1.0), axis=-1).real)
 
 
+def pair_on_circle(multipliers: Array) -> bool:
+    """Whether a complex pair is on the unit circle; two real ones with the product one are a
+    neutral saddle."""
+    there = np.abs(np.abs(multipliers) - 1.0) < 1e-6
+    return bool(np.any(there & (np.abs(multipliers.imag) > 1e-8)))
+
+
 def collapse(start: Array, end: Array) -> tuple[Array, Array, float, float]:
     """Merge the flights of a cycle into one pencil P + mu Q, from its blocks A_k and B_k.
 

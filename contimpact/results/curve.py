@@ -140,7 +140,7 @@ class Codim2:
     curve: str
     kind: str
     """`id`, `curve`, `kind`: PD-G, FB-G, BP-G, G-FB, G-PD, CP (cusp), GPD, DG (touch with zero
-    acceleration), R1, R2, ..."""
+    acceleration), R1, R2, FB-PD (fold-flip), ..."""
     changes: str
     """Change that happens there."""
     parameters: Mapping[str, float]

@@ -10,7 +10,7 @@ import pytest
 
 from contimpact.bifurcations.kind import double_orbit
 from contimpact.diagrams.curves import follow_curve
-from contimpact.diagrams.map_explorer import entries_born
+from contimpact.diagrams.map_explorer import entries_born, model_at_point, orbit_at
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits
 from contimpact.results.branch import orbit_of
@@ -18,6 +18,7 @@ from contimpact.results.options import CURVE_SETTINGS
 from contimpact.segments.kernels import Kernels
 from contimpact.systems.impact_damper import ImpactDamper
 from contimpact.systems.impact_pair import ImpactPair
+from contimpact.systems.two_masses import TwoMasses
 
 RANGES = ((0.8, 40.0), (0.05, 0.9))
 KINDS = ("FB", "PD", "NS", "G")
@@ -139,7 +140,7 @@ def test_no_ns_begins_where_branch_points_pass_the_fold():
     settings = dataclasses.replace(CURVE_SETTINGS, max_step=0.02)
     curve = follow_curve(entry, machine, "d", (0.93, 1.02), (26.5, 28.0), settings=settings)
     found = {p.kind: p for p in curve.points}
-    assert found.keys() == {"R1", "FB-BP"}
+    assert found.keys() == {"R1", "FB-BP", "FB-NS"}
     assert found["R1"].parameters["d"] == pytest.approx(26.704401, abs=1e-6)
     assert found["FB-BP"].parameters["d"] == pytest.approx(27.200670, abs=1e-6)
     assert "no curve of NS begins" in found["FB-BP"].changes
@@ -166,3 +167,58 @@ def test_ns_of_a_machine_begins_where_two_multipliers_of_its_fold_are_one():
     assert end.value == pytest.approx(point.parameters["Omega"], abs=1e-6)
     there = torus["Omega"][torus["event"] == "UZ"]
     assert np.min(np.abs(there - 1.0)) < 1e-9  # catalogued, from a run over d
+
+
+@pytest.fixture(scope="module")
+def masses():
+    """Two masses, and the event of a kind on their 1:0 over omega."""
+    machine = TwoMasses(**SHIPPED_MASSES)
+    orbit = next(o for o in find_orbits(machine, "A", starts=20, rounds=1) if o.physical)
+    events = continue_orbit(orbit, "omega", (1.6, 1.95), events=("FB", "PD")).events
+    return machine, {kind: next(e for e in events if e.kind == kind) for kind in ("FB", "PD")}
+
+
+SHIPPED_MASSES = {"c1": 0.1, "c2": 0.05, "k1": 1.0, "k2": 0.6, "a1": 1.0, "omega": 1.72}
+SHIPPED_MASSES |= {"sigma_1": 1.0, "sigma_2": 1.0, "r": 0.8}
+BOTH = ((1.6, 1.95), (0.95, 1.3))
+
+
+@pytest.mark.full
+def test_a_fold_and_a_doubling_of_one_orbit_are_one_point_on_both_curves(masses):
+    """The curve of PD that begins at the fold-flip of a curve of FB has it as a point of its own,
+    and so the other way round; the criticality of the PD has a pole there and no zero."""
+    machine, events = masses
+    pairs, places = Kernels(machine, "omega", "m1"), []
+    for own, other in (("FB", "PD"), ("PD", "FB")):
+        entry = events[own]
+        curve = follow_curve(entry, machine, "m1", *BOTH)
+        (point,) = curve.points
+        assert (point.kind, curve.missed) == (f"{own}-{other}", [])
+        here = orbit_at(entry, point, model_at_point(entry, point, machine), pairs)
+        assert min(abs(here.multipliers - 1.0)) < 1e-9 > min(abs(here.multipliers + 1.0))
+        start = next(entries_born(entry, point, machine, (other,), pairs, BOTH))
+        assert start.kind == other
+        (same,) = follow_curve(start, machine, "m1", *BOTH).points
+        places += [(p.parameters["omega"], p.parameters["m1"]) for p in (point, same)]
+    assert np.ptp(places, axis=0) == pytest.approx(0.0, abs=1e-11)
+    assert places[0] == pytest.approx((1.703776954835, 1.218301570403), abs=1e-11)
+
+
+@pytest.mark.full
+def test_a_pair_on_the_unit_circle_beside_a_fold():
+    """The curve of NS that begins there has the multiplier 1 at the same place."""
+    machine = TwoMasses(**SHIPPED_MASSES | {"omega": 1.1})
+    orbit = find_orbits(machine, "A/2T", parameter="omega", starts=20, rounds=1)[0]
+    (fold,) = continue_orbit(orbit, "omega", (1.0, 1.2), events=("FB",)).events
+    ranges = ((1.0, 1.3), (0.65, 1.05))
+    pairs = Kernels(machine, "omega", "m1")
+    curve = follow_curve(fold, machine, "m1", *ranges)
+    point = next(p for p in curve.points if p.kind == "FB-NS")
+    here = orbit_at(fold, point, model_at_point(fold, point, machine), pairs)
+    others = np.delete(here.multipliers, np.argmin(abs(here.multipliers - 1.0)))
+    pair = others[others.imag != 0.0]
+    assert (len(pair), abs(pair)) == (2, pytest.approx(1.0, abs=1e-9))
+    start = next(entries_born(fold, point, machine, ("NS",), pairs, ranges))
+    torus = follow_curve(start, machine, "m1", *ranges)
+    (same,) = [p for p in torus.points if p.kind == "NS-FB"]
+    assert same.parameters == pytest.approx(point.parameters, abs=1e-10)
