@@ -73,8 +73,7 @@ def compose(series: Number, x: Number) -> Number:
 # A `Blocks` is :math:`\sum_k A_{k,0} u^k + \sum_{k,i} A_{k,i} u^k \delta_i`, with :math:`u^k = 0`
 # from some order on and :math:`\delta_i\delta_j = 0`: the power series of a matrix in u, and those
 # of its derivatives by some parameters. As one large matrix it would be block triangular, with
-# every block in it many times (see `linear_flow.toeplitz`, `triangular`); a product takes each
-# block once.
+# every block in it many times (see `linear_flow.triangular`); a product takes each block once.
 
 Matrix: TypeAlias = Any
 """An ``arb_mat``, or None for one that is zero."""

@@ -16,7 +16,8 @@ from ..arrays import Number, Vector
 from ..errors import InputError
 from .integrated_flight import flown_along
 from .integration import statement
-from .layout import Blocks, Family, flat, refill, result_text
+from .layout import Blocks, flat, refill, result_text
+from .linear_flow import Shape
 from .segment import FLOATS, PLAIN, Arithmetic, Kernel, evaluate_in, kernel_of
 from .transients import HIGHEST, MOTIONS, TABLES, TOGETHER
 
@@ -247,10 +248,9 @@ def _flow(inner: Arithmetic) -> Callable[..., Any]:
     def on_series(d: int, h: int, directions: int, *arguments: Number) -> Vector:
         if not any(isinstance(x, Series) for x in arguments):
             return inner.names["flow"](d, h, directions, *arguments)
-        _, (dt, *numbers) = _to_one_length(arguments)
-        rows = [x.coefficients for x in numbers]
-        found = inner.names["flow_of_series"](d, h, directions, dt.coefficients, rows)
-        return [Series(row) for row in found.tolist()]
+        _, given = _to_one_length(arguments)
+        rows = [x.coefficients for x in given]
+        return [Series(row) for row in inner.names["flow_of_series"](d, h, directions, rows)]
 
     return on_series
 
@@ -459,20 +459,37 @@ def _record_transients(order: int) -> Callable[..., Any]:
 def _record_flights(
     field: str, directions: str, rows: Sequence[Sequence[Number]]
 ) -> list[list[TapeNumber]]:
-    """Flights that are integrated, from series to the first order."""
-    numbers = [c for row in rows for c in row]
-    tape = next(x.tape for x in numbers if isinstance(x, TapeNumber))
-    call = f"flown_along({field!r}, {directions!r}, ({'({}, {}), ' * len(rows)}))"
-    found = tape.step(call, *numbers)
+    """Flights that are integrated, from series."""
+    name = "flown_along" if len(rows[0]) == 2 else "flown_of_series"
     count = 2 * statement(field).freedom * (1 + len(directions.split()))
-    return [[tape.step(f"{{}}[{i}][{k}]", found) for k in range(2)] for i in range(count)]
+    return _record_series(f"{name}({field!r}, {directions!r}, {{}})", rows, count)
+
+
+def _record_linear(
+    d: int, h: int, directions: int, rows: Sequence[Sequence[Number]]
+) -> list[list[TapeNumber]]:
+    """Linear flights, from series."""
+    count = (4 + 2 * directions) * d * Shape(d, h, directions).size
+    return _record_series(f"flow_of_series({d}, {h}, {directions}, {{}})", rows, count)
+
+
+def _record_series(
+    call: str, rows: Sequence[Sequence[Number]], count: int
+) -> list[list[TapeNumber]]:
+    """What a function of series returns: so many series of the length of its own."""
+    numbers, orders = [c for row in rows for c in row], len(rows[0])
+    tape = next(x.tape for x in numbers if isinstance(x, TapeNumber))
+    row = f"({', '.join(['{}'] * orders)}), "
+    found = tape.step(call.format(f"({row * len(rows)})"), *numbers)
+    return [[tape.step(f"{{}}[{i}][{k}]", found) for k in range(orders)] for i in range(count)]
 
 
 RECORDED = Arithmetic(
     {name: _record_function(name, f) for name, f in FLOATS.names.items() if name not in PLAIN}
     | {f"stumpffs{n}": _record_stumpff(n) for n in TOGETHER}
     | {f"transients{order}": _record_transients(order) for order in TABLES}
-    | {"nan": math.nan, "flown_of_series": _record_flights, **PLAIN}
+    | {"nan": math.nan, "flown_of_series": _record_flights, "flow_of_series": _record_linear}
+    | PLAIN
 )
 
 
@@ -480,7 +497,6 @@ Derivatives: TypeAlias = Callable[..., Any]
 """Derivatives of a kernel, as a function of floats."""
 
 SERIES = series(RECORDED)
-SERIES_OF_FLOATS = series(FLOATS)
 
 
 @functools.lru_cache(maxsize=256)
@@ -488,14 +504,6 @@ def second_derivatives(kernel: Kernel, ends: int, parameters: tuple[str, ...]) -
     """Return ``second(t0, *y0, t1, *y1, *q, *p)``: how the `Blocks` of a flight change along a
     direction q. It has entries for the unknowns at both ends of the flight, and behind them for
     these parameters."""
-    if _loops(kernel) and kernel.family is not Family.INTEGRATED:
-        directly = _directly(kernel, ends, parameters, 1)
-
-        def second(*given: float) -> Blocks:
-            found = directly(*given)
-            return refill(found, [_coefficient(x, 1) for x in flat(found)])
-
-        return second
     tape, arguments, blocks = _evaluate_along(kernel, ends, parameters, 1)
     changes = tuple(tuple(_coefficient(number, 1) for number in block) for block in blocks)
     about = f"How {kernel.__name__} changes along a direction q."
@@ -507,39 +515,11 @@ def second_derivatives(kernel: Kernel, ends: int, parameters: tuple[str, ...]) -
 def third_derivatives(kernel: Kernel, ends: int) -> Derivatives:
     """Return ``third(t0, *y0, t1, *y1, *q, *p)``: third derivatives of a flight's residual along q,
     which has an entry for each unknown at both ends of the flight."""
-    if _loops(kernel):
-        directly = _directly(kernel, ends, (), 3)
-        return lambda *given: tuple(6 * _coefficient(x, 3) for x in directly(*given)[0])
     tape, arguments, blocks = _evaluate_along(kernel, ends, (), 3)
     found = tuple(6 * _coefficient(number, 3) for number in blocks[0])
     about = f"Third derivatives of the residual of {kernel.__name__} along a direction q."
-    return kernel_of("third", tape.kernel("third", arguments, about, found), "<third>")
-
-
-def _loops(kernel: Kernel) -> bool:
-    """Whether a kernel calls what cannot be written down: its steps depend on its arguments."""
-    return kernel.family.stepped
-
-
-def _directly(
-    kernel: Kernel, ends: int, parameters: Sequence[str], degree: int
-) -> Callable[..., Blocks]:
-    """Return a kernel on series of floats, for the arguments of its derivatives."""
-    names = kernel.__code__.co_varnames[: kernel.__code__.co_argcount]
-    moving = [*names[:ends], *(f"p_{parameter}" for parameter in parameters)]
-    function, rest = evaluate_in(kernel, SERIES_OF_FLOATS), [0] * (degree - 1)
-
-    def evaluated(*given: float) -> Blocks:
-        along = dict(zip(moving, given[ends:], strict=False))
-        values = [*given[:ends], *given[ends + len(moving) :]]
-        return function(
-            *(
-                Series([value, along[name], *rest]) if name in along else value
-                for name, value in zip(names, values, strict=True)
-            )
-        )
-
-    return evaluated
+    text = tape.kernel("third", arguments, about, found)
+    return kernel_of("third", text, "<third>", {"flown_along": flown_along})
 
 
 def _evaluate_along(

@@ -19,8 +19,7 @@ stiff springs and large forces then ask for no more doublings than their frequen
 Functions of Matrices, 2008, ch. 10).
 
 Derivatives with respect to a parameter follow from the same functions of a block-triangular matrix
-(ibid., sec. 3.1), and so do truncated series: they are upper triangular matrices of their
-coefficients.
+(ibid., sec. 3.1), and truncated series from products of these.
 """
 
 from __future__ import annotations
@@ -333,8 +332,12 @@ class Shape(NamedTuple):
         return (self.freedom * table + i) * self.size + j
 
 
-Summed: TypeAlias = Callable[[Array], tuple[Array, Array]]
-"""phi and phi' of a matrix of norm `NORM` at most."""
+Product: TypeAlias = Callable[[Array, Array], Array]
+"""The product of two matrices, or of matrices along the first axes, or of truncated series of these
+whose coefficients are along the first axis."""
+
+Summed: TypeAlias = Callable[[Array, Array, Product], tuple[Array, Array]]
+"""phi and phi' of a matrix of norm `NORM` at most, given one, the matrix, and their product."""
 
 
 def rounding_scale(
@@ -369,7 +372,7 @@ def flow_of_arrays(d: int, h: int, directions: int, dt: Any, *numbers: Any) -> A
         matrices = generators(shape, numbers)
     times = given[0].reshape(-1, 1, 1)
     try:
-        found = _tables(shape, [matrices], times, series_of_floats)
+        found = _tables(shape, matrices, times, series_of_floats)
     except OverflowError:  # there are no units for all of them
         found = np.full((len(times), 4 + 2 * directions, d, shape.size), math.nan)
     return found.reshape(given[0].size, -1).T.reshape(-1, *given[0].shape)
@@ -400,7 +403,7 @@ def make_flow(summed: Summed) -> Callable[..., list[Any]]:
 
     def function(d: int, h: int, directions: int, dt: Any, *numbers: Any) -> list[Any]:
         shape = Shape(d, h, directions)
-        matrices = [generators(shape, numbers, object)]
+        matrices = generators(shape, numbers, object)
         found: list[Any] = _tables(shape, matrices, dt, summed).ravel().tolist()
         return found
 
@@ -408,26 +411,19 @@ def make_flow(summed: Summed) -> Callable[..., list[Any]]:
 
 
 def flow_of_series(
-    d: int,
-    h: int,
-    directions: int,
-    dt: Sequence[Any],
-    numbers: Sequence[Sequence[Any]],
-    summed: Summed | None = None,
-) -> Array:
-    """Return `flow` of truncated series, each row the coefficients of one.
-
-    A series is an upper triangular matrix with its coefficients along the diagonals, and one of
-    matrices is a matrix of such blocks.
-    """
+    d: int, h: int, directions: int, rows: Sequence[Sequence[Any]], summed: Summed | None = None
+) -> list[list[Any]]:
+    """Return `flow` of truncated series, each row the coefficients of one; that of the duration is
+    first."""
     shape, kind = Shape(d, h, directions), object if summed else float
-    orders = [generators(shape, row, kind) for row in zip(*numbers, strict=True)]
+    orders = [generators(shape, row, kind) for row in zip(*rows[1:], strict=True)]
     for matrices in orders[1:]:
         matrices[0][_rates(shape)] = 0
-    one = np.eye(shape.size * (directions + 1), dtype=kind)
-    times = toeplitz([c * one for c in dt])
-    found = _tables(shape, orders, times, summed or series_of_floats)
-    return found.reshape(len(dt), -1).T
+    matrices = [np.array(each) for each in zip(*orders, strict=True)]
+    times = np.array(rows[0], kind).reshape(-1, 1, 1)
+    found = _tables(shape, matrices, times, summed or series_of_floats, series=True)
+    columns: list[list[Any]] = found.reshape(len(times), -1).T.tolist()
+    return columns
 
 
 def generators(shape: Shape, numbers: Sequence[Any], kind: Any = float) -> list[Array]:
@@ -465,22 +461,24 @@ def norm_in_units(shape: Shape, generator: Array) -> float:
     return _norm(generator * (scales / scales[:, None]))
 
 
-def _tables(shape: Shape, orders: list[list[Array]], dt: Any, summed: Summed) -> Array:
+def _tables(
+    shape: Shape, matrices: list[Array], dt: Any, summed: Summed, series: bool = False
+) -> Array:
     """What `flow` returns, as an array (..., tables, d, size); for series a row for each order."""
     d, n = shape.freedom, shape.size
-    scales = scales_of(shape, orders[0][0])
+    scales = scales_of(shape, matrices[0][0] if series else matrices[0])
     balance = scales / scales[:, None]
-    balanced = [[matrix * balance for matrix in matrices] for matrices in orders]
-    sizes = [_relative(matrix, balanced[0][0]) for matrix in balanced[0]]
-    whole = toeplitz([triangular(matrices, sizes) for matrices in balanced])
-    mean, rate = mean_rates(whole, dt, summed)
-    end = np.eye(whole.shape[-1]) + _times(dt, mean)
-    pushed = whole @ end
+    balanced = [matrix * balance for matrix in matrices]
+    sizes = [_relative(matrix, balanced[0]) for matrix in balanced]
+    whole = triangular(balanced, sizes)
+    mean, rate = mean_rates(whole, dt, summed, series)
+    end = _times(dt, mean, series)
+    (end[0] if series else end)[...] += np.eye(whole.shape[-1], dtype=end.dtype)
+    pushed = products(series)(whole, end)
     wanted = [(mean, 0, 0), (end, d, 0), (rate, 0, 0), (pushed, d, 0)]
     wanted += [(m, at, i) for i in range(1, len(sizes)) for m, at in ((mean, 0), (end, d))]
     found = [
-        table[..., at : at + d, n * (k + i) : n * (k + i + 1)] * (sizes[i] / balance[at : at + d])
-        for k in range(0, len(orders) * len(sizes), len(sizes))
+        table[..., at : at + d, n * i : n * (i + 1)] * (sizes[i] / balance[at : at + d])
         for table, at, i in wanted
     ]
     return np.stack(found, axis=-3)
@@ -533,54 +531,58 @@ def triangular(parts: list[Array], sizes: list[float]) -> Array:
     return whole
 
 
-def toeplitz(blocks: list[Array]) -> Array:
-    """[[A, B, C], [0, A, B], [0, 0, A]] from A, B, C."""
-    if len(blocks) == 1:
-        return blocks[0]
-    n, count = blocks[0].shape[-1], len(blocks)
-    whole = np.zeros((n * count, n * count), blocks[0].dtype)
-    for i in range(count):
-        for j in range(i, count):
-            whole[n * i : n * i + n, n * j : n * j + n] = blocks[j - i]
-    return whole
+def products(series: bool) -> Product:
+    """Return how matrices are multiplied, or truncated series of them."""
+    return partial(_convolve, np.matmul) if series else np.matmul
+
+
+def _convolve(product: Product, one: Array, other: Array) -> Array:
+    """The coefficients of a product of two truncated series."""
+    found = product(one[0], other)
+    for i in range(1, len(one)):
+        found[i:] += product(one[i], other[:-i])
+    return found
 
 
 def _norm(matrices: Array) -> float:
     return float(np.abs(matrices).sum(axis=-2).max())
 
 
-def _times(dt: Any, matrix: Array) -> Array:
-    """A matrix times a time: a number, numbers of shape (..., 1, 1), or the matrix of a series."""
-    product: Array = dt @ matrix if np.ndim(dt) == 2 else dt * matrix
-    return product
+def _times(dt: Any, matrix: Array, series: bool) -> Array:
+    """A matrix times a time: a number, numbers of shape (..., 1, 1), or those of a series."""
+    return _convolve(np.multiply, dt, matrix) if series else np.asarray(dt * matrix)
 
 
-def mean_rates(generator: Array, dt: Any, summed: Summed) -> tuple[Array, Array]:
+def mean_rates(
+    generator: Array, dt: Any, summed: Summed, series: bool = False
+) -> tuple[Array, Array]:
     """Return Q and H of matrices G, shape (..., n, n), for a time as in `_times`.
 
     Of many times they are NaN for those beyond the range of floats, or `LONGEST`: the others share
     their doublings.
     """
-    many = np.ndim(dt) == 3
+    many, product = np.ndim(dt) == 3 and not series, products(series)
     with np.errstate(over="ignore", invalid="ignore"):
-        turned = _times(dt, generator)
+        turned = _times(dt, generator, series)
     beyond = ~(np.abs(turned).sum(axis=-2).max(axis=-1) < LONGEST) if many else False
     if np.any(beyond):
         dt, turned = np.array(dt), np.array(turned)
         dt[beyond], turned[beyond] = 0.0, 0.0
-    size = _norm(turned)
+    size = _norm(np.abs(turned).sum(axis=0) if series else turned)
     if not size < math.inf:
         raise OverflowError(BEYOND)
     doublings = max(0, math.ceil(math.log2(size / NORM))) if size > 0.0 else 0
     t = dt * 0.5**doublings
-    value, slope = summed(_times(t, generator))
-    n = generator.shape[-1]
-    mean = generator @ value
-    found = np.concatenate([mean, generator @ mean, generator @ (generator @ slope)], axis=-1)
+    n, short = generator.shape[-1], _times(t, generator, series)
+    one = np.zeros_like(short)
+    (one[0] if series else one)[...] = np.eye(n, dtype=one.dtype)
+    value, slope = summed(one, short, product)
+    mean, change = product(generator, value), product(generator, product(generator, slope))
+    found = np.concatenate([mean, product(generator, mean), change], axis=-1)
     q, s, h = ((..., slice(n * i, n * i + n)) for i in range(3))
     with np.errstate(over="ignore", invalid="ignore"):
         for _ in range(doublings):
-            gained = _times(t, found[q] @ found)
+            gained = _times(t, product(found[q], found), series)
             last = 0.25 * (found[s] + 2.0 * found[h] + gained[s] + gained[h])
             found = found + 0.5 * gained
             found[h] = last
@@ -595,31 +597,31 @@ _SERIES = np.array([MEANS, SLOPES]).reshape(8, 4)
 """Coefficients of both functions, four powers in a row."""
 
 
-def series_of_floats(z: Array) -> tuple[Array, Array]:
+def series_of_floats(one: Array, z: Array, product: Product) -> tuple[Array, Array]:
     """Both series, by powers of z^4 (Paterson and Stockmeyer)."""
     n = z.shape[-1]
-    square = z @ z
-    powers = np.stack([np.broadcast_to(np.eye(n), z.shape), z, square, square @ z], axis=-3)
+    square = product(z, z)
+    powers = np.stack([one, z, square, product(square, z)], axis=-3)
     flat = powers.reshape(*z.shape[:-2], 4, n * n)
     parts = (_SERIES @ flat).reshape(*z.shape[:-2], 2, 4, n, n)
-    fourth = (square @ square)[..., None, :, :]
+    fourth = product(square, square)[..., None, :, :]
     total = parts[..., 3, :, :]
     for i in (2, 1, 0):
-        total = total @ fourth + parts[..., i, :, :]
+        total = product(total, fourth) + parts[..., i, :, :]
     return total[..., 0, :, :], total[..., 1, :, :]
 
 
 def make_series(ctx: Any) -> Summed:
     """Return what sums both series to the digits of an mpmath context."""
 
-    def summed(z: Array) -> tuple[Array, Array]:
-        one = np.eye(len(z), dtype=object) * ctx.one
-        power, value, slope = one, one * 0, one * 0
+    def summed(one: Array, z: Array, product: Product) -> tuple[Array, Array]:
+        power = one * ctx.one
+        value, slope = power * 0, power * 0
         k, least = 0, ctx.eps * 1e-3
         while NORM**k > least * math.factorial(k + 1):
             value = value + power / ctx.factorial(k + 1)
             slope = slope + power * (k + 1) / ctx.factorial(k + 2)
-            power, k = power @ z, k + 1
+            power, k = product(power, z), k + 1
         return value, slope
 
     return summed
