@@ -722,8 +722,9 @@ class MultiplierCoincides(MultiplierReached):
     def of(self, here: CurvePoint) -> ArrayLike:
         if here.orbit.problem.m <= 2:
             return []
-        value = np.asarray(super().of(here))
-        return value if self.own.multiplier else value / abs(1.0 - self.mu * here.own[-1])
+        with np.errstate(divide="ignore", invalid="ignore"):  # where a pair ends
+            factor = 1.0 if self.own.multiplier else abs(1.0 - self.mu * here.own[-1])
+            return np.asarray(super().of(here)) / factor
 
     def accept(self, event: Event[CurvePoint]) -> bool:
         """Where the pair of an NS meets it has the multiplier, too."""

@@ -12,8 +12,17 @@ import numpy as np
 
 from ..arrays import Array, Vector
 from ..models.guards import Guard
+from .compiling import load, mode, timed_plainly
 from .kernels import Kernels
-from .oscillation import MOST, excursion_by_law
+from .oscillation import (
+    MOST,
+    ROW,
+    excursion_by_law,
+    excursion_on_steps,
+    follow,
+    row_of,
+    row_of_compiled,
+)
 from .oscillation import Excursion as Excursion
 from .oscillation import Motion as Motion
 from .oscillation import Moved as Moved
@@ -376,11 +385,6 @@ def excursion_of(kernels: Kernels, in_time: bool) -> Callable[..., Any]:
         return lambda head, p, length, arriving, left, reached, zeros, phase, period, _=None: (
             excursions(motion, head, p, length, arriving, left, reached, zeros, phase, period)
         )
-    steps: list[list[float]] = []
-    zeros = [0.0] * (2 * MOST)
-
-    def law(head: Vector, values: Vector) -> Any:
-        return kernels.law(named[head[0]].name)(head[1], head[2], *values)
 
     def excursion(
         head: Vector,
@@ -391,13 +395,12 @@ def excursion_of(kernels: Kernels, in_time: bool) -> Callable[..., Any]:
         reached_side: float,
         *_: Any,
     ) -> Excursion:
-        if kernels.oscillates:
-            given = law, head, values, length, arriving, left_side, reached_side, steps, zeros
-            found = excursion_by_law(*given)
-            if found[4] != math.inf:
-                return found
         wall = named[head[0]]
         about = length, arriving, left_side, reached_side
+        if kernels.oscillates:
+            found = excursion_alone(kernels.law(wall.name)(*head[1:], *values), about)
+            if found[4] != math.inf:
+                return found
         if kernels.linear(wall.name):
             track: Any = track_of(kernels.law(wall.name)(*head[1:], *values), length)
         elif kernels.integrated(wall.name):
@@ -603,6 +606,50 @@ def turns_before(length: float, at: Moved, reached: Moved, wall: float, rising: 
 
 
 # Where flights of one coordinate turn, as code of compiled programs.
+
+ALONE = """
+def entry(waves, numbers, state, about, steps, zeros, out):
+    made, count = follow(waves[0], numbers, state, about[0], steps, zeros)
+    out[0], out[1], out[2], out[3], out[4] = excursion_on_steps(
+        made, count, state, about[0], about[1], about[2], about[3], steps, zeros
+    )
+    return 0
+"""
+
+
+def excursion_alone(found: Sequence[Any], about: tuple[float, float, float, float]) -> Excursion:
+    """As `excursion_by_law`, of one flight and what its law has returned, by a compiled program if
+    that is there or pays; it is that of every model."""
+    _, waves, numbers, state = found
+    run = load(EXCURSION, "ifffFff", _program_alone) if mode() != "never" else None
+    if run is None:
+        steps: list[list[float]] = []
+        zeros = [0.0] * (2 * MOST)
+        with timed_plainly(EXCURSION):
+            made, count = follow(int(waves), numbers, state, about[0], steps, zeros)
+            return excursion_on_steps(made, count, state, *about, steps, zeros)
+    given = np.array([int(waves)]), *(np.array(row, dtype=float) for row in (numbers, state, about))
+    out = np.empty(5)
+    run(*given, *_scratch(), out)
+    high, when_high, low, when_low, slowest = out.tolist()
+    return high, when_high, low, when_low, slowest
+
+
+EXCURSION = ("excursion",)
+"""Identity of the program of one flight's extrema."""
+
+
+@cache
+def _scratch() -> tuple[Array, Array]:
+    return np.empty((MOST, ROW)), np.empty(2 * MOST)
+
+
+def _program_alone() -> Program:
+    from .machine_code import Program
+
+    program = Program({row_of: row_of_compiled})
+    program.glue(ALONE, follow=follow, excursion_on_steps=excursion_on_steps)
+    return program
 
 
 def variant_of(kernels: Kernels, values: Sequence[float]) -> str | None:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import functools
+import importlib.util
 import itertools
 import math
 
 import numpy as np
 import pytest
 
+from contimpact.segments.flight import excursion_alone
 from contimpact.segments.oscillation import (
     COEFFICIENTS,
     MOST,
@@ -115,3 +118,21 @@ def test_steps_meet():
 @pytest.mark.parametrize(("kappa", "gamma"), [(-1e12, 0.0), (-1.0, -1e5), (math.nan, 0.0)])
 def test_flights_too_stiff_are_given_up(kappa, gamma):
     assert flown(kappa, gamma, [], 0.0, (0.1, 1.0), 5.0)[2] == -1
+
+
+@pytest.mark.skipif(importlib.util.find_spec("llvmlite") is None, reason="needs contimpact[fast]")
+@pytest.mark.parametrize("seed", range(4))
+def test_a_compiled_excursion_is_the_plain_one(plain_and_compiled, seed):
+    """To the last bit; where the steps are too many, too."""
+    rng = np.random.default_rng(seed)
+    waves = rng.integers(4)
+    stiff = -(10.0 ** rng.uniform(0.0, 6.0))
+    numbers = (stiff, -rng.random(), *rng.normal(size=2 * waves + 1), *rng.uniform(0.5, 9.0, waves))
+    start = (*rng.normal(size=2), *[1.0, 0.0] * waves, 1.0)
+    for length in (0.7, 6.0, 5e3):
+        about = length, rng.normal(), 1.0, -1.0
+        law = "law", float(waves), numbers, start
+        run = functools.partial(excursion_alone, law, about)
+        plain, compiled = plain_and_compiled(run)
+        assert np.array_equal(plain, compiled, equal_nan=True)
+    assert plain[4] == math.inf
