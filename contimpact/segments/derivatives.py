@@ -459,10 +459,16 @@ def _record_transients(order: int) -> Callable[..., Any]:
 def _record_flights(
     field: str, directions: str, rows: Sequence[Sequence[Number]]
 ) -> list[list[TapeNumber]]:
-    """Flights that are integrated, from series."""
-    name = "flown_along" if len(rows[0]) == 2 else "flown_of_series"
-    count = 2 * statement(field).freedom * (1 + len(directions.split()))
-    return _record_series(f"{name}({field!r}, {directions!r}, {{}})", rows, count)
+    """Flights that are integrated, from series; beyond the first order derivatives by directions
+    are numbers, which are computed where they are asked for alone."""
+    values, parts = 2 * statement(field).freedom, 1 + len(directions.split())
+    if len(rows[0]) == 2:
+        call = f"flown_along({field!r}, {directions!r}, {{}})"
+        return _record_series(call, rows, values * parts)
+    found = _record_series(f"flown_of_series({field!r}, '', {{}})", rows, values)
+    firsts = [row[:1] for row in rows]
+    call = f"flown_of_series({field!r}, {directions!r}, {{}})"
+    return [*found, *_record_series(call, firsts, values * parts)[values:]]
 
 
 def _record_linear(
@@ -479,7 +485,7 @@ def _record_series(
     """What a function of series returns: so many series of the length of its own."""
     numbers, orders = [c for row in rows for c in row], len(rows[0])
     tape = next(x.tape for x in numbers if isinstance(x, TapeNumber))
-    row = f"({', '.join(['{}'] * orders)}), "
+    row = f"({'{}, ' * orders}), "
     found = tape.step(call.format(f"({row * len(rows)})"), *numbers)
     return [[tape.step(f"{{}}[{i}][{k}]", found) for k in range(orders)] for i in range(count)]
 
