@@ -320,10 +320,6 @@ class Kind(ABC):
             return []
         return [int(np.argmin(np.abs(multipliers - self.multiplier)))]
 
-    def others(self, here: Linearisation) -> Array:
-        """Return the multipliers of an orbit that are not the event's."""
-        return np.delete(here.multipliers, self.critical(here.multipliers))
-
     def multipliers(self, here: Linearisation, details: Details) -> tuple[Array, int]:
         """Return the orbit's multipliers, and how many outside the unit circle are not the
         event's."""
@@ -472,8 +468,8 @@ def switch(event: OrbitEvent) -> Start | None:
 #                     with one eigenvector
 # FB-BP, FB, PD       the same with an eigenvector of its own for each
 # PD-PD
-# FB-PD, FB, PD, NS   determinant of C(-1) or C(1) of the orbit whose critical multiplier is another
-# ..-FB, (m > 2)      one: both bifurcate at once, as in the fold-flip
+# FB-PD, FB, PD, NS   product of the distances of the multipliers not critical from -1 or 1:
+# ..-FB, (m > 2)      both happen at once, as in the fold-flip
 # NS-PD
 # ..-NS  FB, PD, NS   products of two multipliers that are not critical, minus one
 # ====== ============ ======================================================================
@@ -671,98 +667,56 @@ class SecondEigenvector(Resonance):
         return []
 
 
-SMALLEST = -700.0
-"""Least logarithm of a determinant that is told from zero."""
+class Coincides(CurveTest):
+    """Other multipliers of the bifurcating orbit are critical, too."""
 
+    def __init__(self, kind: Kind, event: str) -> None:
+        self.own, self.event, self.kind = kind, event, f"{kind.name}-{event}"
+        self.changes = f"{kind.name} and {event} happen on the same orbit: their curves cross"
 
-def scaled_determinant(orbit: Linearisation, mu: float) -> float:
-    """Return the determinant of C(mu) in natural sizes, which has the sign of its own."""
-    problem = orbit.problem
-    sizes = problem.scale(orbit.unknowns, 1.0)
-    free = mu == 1.0 and problem.autonomous  # C(1) is singular: of shifts in time
-    matrix = orbit.jacobian if free else orbit.cyclic(mu)
-    rows = problem.residual_sizes(sizes)[:, None]  # its own may vanish, as at rest
-    sign, logarithm = log_determinant(matrix[:, : problem.n] * sizes[: problem.n] / rows)
-    return sign * math.exp(max(logarithm, SMALLEST))
-
-
-class MultiplierReached(CurveTest):
-    """A multiplier of the orbit, counted as one of a word, is mu."""
-
-    def __init__(
-        self, kind: str, changes: str, mu: float, counted: Callable[[CurvePoint], Linearisation]
-    ) -> None:
-        self.kind, self.changes, self.mu, self.counted = kind, changes, mu, counted
-
-    def of(self, here: CurvePoint) -> ArrayLike:
-        return scaled_determinant(self.counted(here), self.mu)
-
-    def other(self, here: CurvePoint, index: int) -> tuple[str, Details] | None:
-        same = self.counted(here) is here.orbit
-        return (self.event, {}) if same else None
-
-    @property
-    def event(self) -> str:
-        """The kind of event of which the orbit has the multiplier."""
-        return "FB" if self.mu > 0.0 else "PD"
-
-    def born(self, here: CurvePoint, index: int) -> list[CurveStart]:
-        return [CurveStart(self.event, self.counted(here))]
-
-
-class MultiplierCoincides(MultiplierReached):
-    """Another multiplier of the bifurcating orbit is 1 or -1; with two there is no other one, as
-    their product is positive."""
-
-    def __init__(self, kind: Kind, mu: float) -> None:
-        super().__init__("", "", mu, lambda here: here.orbit)
-        self.own, self.kind = kind, f"{kind.name}-{self.event}"
-        self.changes = coincide(kind.name, self.event)
-
-    def of(self, here: CurvePoint) -> ArrayLike:
-        if here.orbit.problem.m <= 2:
-            return []
-        with np.errstate(divide="ignore", invalid="ignore"):  # where a pair ends
-            factor = 1.0 if self.own.multiplier else abs(1.0 - self.mu * here.own[-1])
-            return np.asarray(super().of(here)) / factor
-
-    def accept(self, event: Event[CurvePoint]) -> bool:
-        """Where the pair of an NS meets it has the multiplier, too."""
-        others = self.own.others(event.point.evaluation.orbit)
-        return bool(np.min(np.abs(others - self.mu)) < REACHED)
-
-
-REACHED = 1e-6
-"""Distance within which a multiplier is that of a zero of its determinant."""
-
-
-def coincide(kind: str, other: str) -> str:
-    """Return what happens where two events of one orbit coincide on a curve of the first."""
-    return f"{kind} and {other} happen on the same orbit: their curves cross"
-
-
-class PairCoincides(CurveTest):
-    """A pair of other multipliers of the bifurcating orbit is on the unit circle."""
-
-    noise = Resonance.noise
-
-    def __init__(self, kind: Kind) -> None:
-        self.own, self.kind = kind, f"{kind.name}-NS"
-        self.changes = coincide(kind.name, "NS")
-
-    def of(self, here: CurvePoint) -> ArrayLike:
-        others = self.own.others(here.orbit)
-        return neimark_sacker(products_of(others)) if len(others) > 1 else []
+    def others(self, here: CurvePoint) -> Array:
+        multipliers = here.orbit.multipliers
+        return np.delete(multipliers, self.own.critical(multipliers))
 
     def enters(self, point: Point[CurvePoint], index: int) -> bool:
         """Where an impact is at rest, multipliers pass through infinity."""
         return point.evaluation.orbit.unbounded
 
-    def accept(self, event: Event[CurvePoint]) -> bool:
-        return pair_on_circle(self.own.others(event.point.evaluation.orbit))
-
     def other(self, here: CurvePoint, index: int) -> tuple[str, Details] | None:
-        return None if self.own.name == "NS" else ("NS", {})
+        return None if self.event == self.own.name else (self.event, {})
+
+
+class MultiplierCoincides(Coincides):
+    """Another multiplier is 1 or -1; with two there is no other one, as their product is
+    positive."""
+
+    def __init__(self, kind: Kind, mu: float) -> None:
+        super().__init__(kind, "FB" if mu > 0.0 else "PD")
+        self.mu = mu
+
+    def of(self, here: CurvePoint) -> ArrayLike:
+        others = self.others(here)
+        others = others[np.isfinite(others)]
+        if here.orbit.problem.m <= 2:
+            return []
+        return float(np.prod((1.0 - self.mu * others) / (1.0 + np.abs(others))).real)
+
+
+class PairCoincides(Coincides):
+    """Another pair of multipliers is on the unit circle."""
+
+    noise = Resonance.noise
+
+    def __init__(self, kind: Kind) -> None:
+        super().__init__(kind, "NS")
+
+    def of(self, here: CurvePoint) -> ArrayLike:
+        others = self.others(here)
+        return neimark_sacker(products_of(others)) if len(others) > 1 else []
+
+    def accept(self, event: Event[CurvePoint]) -> bool:
+        """Two real multipliers with the product one are a neutral saddle."""
+        return pair_on_circle(self.others(event.point.evaluation))
 
 
 # On curves of orbits that touch a wall, seen from the shorter or from the longer word.
@@ -790,7 +744,46 @@ class DegenerateTouch(CurveTest):
         ]
 
 
-class FoldBorn(MultiplierReached):
+SMALLEST = -700.0
+"""Least logarithm of a determinant that is told from zero."""
+
+
+def scaled_determinant(orbit: Linearisation, mu: float) -> float:
+    """Return the determinant of C(mu) in natural sizes, which has the sign of its own."""
+    problem = orbit.problem
+    sizes = problem.scale(orbit.unknowns, 1.0)
+    free = mu == 1.0 and problem.autonomous  # C(1) is singular: of shifts in time
+    matrix = orbit.jacobian if free else orbit.cyclic(mu)
+    rows = problem.residual_sizes(sizes)[:, None]  # its own may vanish, as at rest
+    sign, logarithm = log_determinant(matrix[:, : problem.n] * sizes[: problem.n] / rows)
+    return sign * math.exp(max(logarithm, SMALLEST))
+
+
+class TouchSingular(CurveTest):
+    """A multiplier of the orbit, counted as one of a word, is mu."""
+
+    def __init__(
+        self, kind: str, changes: str, mu: float, counted: Callable[[CurvePoint], Linearisation]
+    ) -> None:
+        self.kind, self.changes, self.mu, self.counted = kind, changes, mu, counted
+
+    def of(self, here: CurvePoint) -> ArrayLike:
+        return scaled_determinant(self.counted(here), self.mu)
+
+    def other(self, here: CurvePoint, index: int) -> tuple[str, Details] | None:
+        same = self.counted(here) is here.orbit
+        return (self.event, {}) if same else None
+
+    @property
+    def event(self) -> str:
+        """The kind of event of which the orbit has the multiplier."""
+        return "FB" if self.mu > 0.0 else "PD"
+
+    def born(self, here: CurvePoint, index: int) -> list[CurveStart]:
+        return [CurveStart(self.event, self.counted(here))]
+
+
+class FoldBorn(TouchSingular):
     """The branch with the touch as an impact begins with a fold.
 
     The impact's velocity changes the parameter linearly along that branch, with a rate that is zero
@@ -855,7 +848,7 @@ def touch_points(
         doubles = "the grazing orbit doubles its period here: the grazing is real on one side only"
         folds = "the branch that grazes folds at its grazing"
         points += [
-            MultiplierReached("G-PD", doubles, -1.0, shorter),
-            MultiplierReached("G-FB", folds, 1.0, shorter),
+            TouchSingular("G-PD", doubles, -1.0, shorter),
+            TouchSingular("G-FB", folds, 1.0, shorter),
         ]
     return points

@@ -182,7 +182,10 @@ class NS(Kind):
         return multiplier is None
 
     def critical(self, multipliers: Array) -> list[int]:
-        return np.argsort(np.abs(np.abs(multipliers) - 1.0), kind="stable")[:2].tolist()
+        """A pair, also beside a real multiplier on the unit circle, if it has not met there."""
+        away = np.abs(np.abs(multipliers) - 1.0)
+        apart = (multipliers.imag == 0.0) | (away > RESONANT)
+        return np.lexsort((away, apart))[:2].tolist()
 
     def curve_limits(self) -> Mapping[EndKind, TestFunction]:
         return {EndKind.RESONANCE: RealPair()}
