@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from flint import arb, ctx
 
-from ..bifurcations.kind import kind_of
+from ..bifurcations.kind import Change, kind_of, orbits_beside
 from ..bifurcations.zero_velocity import impacts_at_rest as stopped_at
 from ..errors import InputError
 from ..models.word import Word
@@ -257,7 +257,7 @@ def _certify_at_precision(
                 inner=tuple(map(decimal, inner)),
             )
             _agrees(entry, here, orbit, inner)
-            _check_statements(entry, orbit)
+            _check_statements(entry, orbit, here)
         except RejectedError as error:
             return replace(found, clause=error.clause, found=error.found)
         except FAILURES as error:
@@ -333,12 +333,15 @@ def _require_near(clause: str, numbers: Any) -> None:
             raise RejectedError(clause, f"{name}: recorded {recorded!r}, proven {proven_.str(18)}")
 
 
-def _check_statements(entry: Entry, orbit: Orbit) -> None:
+def _check_statements(entry: Entry, orbit: Orbit, here: Linearisation) -> None:
     """What the entry says of its orbit."""
     said = {"touch": True, "stability": entry.n_unstable, "physicality": entry.physical}
     for clause, (found, why) in orbit.claims():
         if found is None:
             raise RejectedError(clause, f"{UNDECIDED}: {why}")
+        beside = orbit.kind.changes is Change.PHYSICALITY and (orbit.at_rest or not entry.physical)
+        if clause == "physicality" and found and beside:
+            found = not _is_unphysical_beside(orbit, here)
         if found != said[clause]:
             text = f"recorded {said[clause]}, proven {found}{why and ': ' + why}"
             raise RejectedError(clause, text)
@@ -352,6 +355,25 @@ def _check_statements(entry: Entry, orbit: Orbit) -> None:
         _require_recorded("notation", entry.notation, notation)
     tilde = ghost and orbit.kind.tilde
     _require_recorded("label", entry.label.startswith("~"), tilde)
+
+
+def _is_unphysical_beside(orbit: Orbit, here: Linearisation) -> bool:
+    """Whether orbits of the branch on both sides of an event are proven to be unphysical.
+
+    At the event itself all that they violate may vanish, as where an orbit of several laps touches
+    in each of them.
+    """
+    space, sides = orbit.space, 0
+    for there in orbits_beside(here):
+        guess = there.unknowns.tolist()
+        system, _ = space.vanishing(_distance_from(guess[-1]))
+        found = prove_zero(space, system, guess)
+        sides += bool(found and Orbit(space, found[1], orbit.kind, {}).why_unphysical())
+    return sides == 2
+
+
+def _distance_from(value: float) -> Callable[[list[Any]], Any]:
+    return lambda z: z[-1] - value
 
 
 def _require_recorded(clause: str, recorded: Any, proven_: Any) -> None:

@@ -334,7 +334,7 @@ class Orbit:
 
     def physical(self) -> Claim:
         """Return whether the orbit is physical but for the event."""
-        if why := self._unphysical():
+        if why := self.why_unphysical():
             return False, why
         for k, (row, later) in enumerate(self._pairs()):
             if not later[0] - row[0] > 0 and not self._vanishing(k):
@@ -375,8 +375,8 @@ class Orbit:
             if k not in aside
         ]
 
-    def _unphysical(self) -> str:
-        """Why the orbit is proven to be unphysical, if it is."""
+    def why_unphysical(self) -> str:
+        """Return why the orbit is proven to be unphysical; nothing where it is not."""
         for k, (row, later) in enumerate(self._pairs()):
             if later[0] - row[0] < 0 and not self._vanishing(k):
                 return f"flight {k + 1} lasts {(later[0] - row[0]).str(6)}"
