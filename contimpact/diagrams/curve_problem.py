@@ -39,7 +39,7 @@ from ..bifurcations.scalar_systems import (
     size_on_curve,
     solve_bordered,
 )
-from ..continuation.branch import Block, Details, EndKind, Point, TestFunction
+from ..continuation.branch import Block, Details, EndKind, Event, Point, TestFunction
 from ..continuation.step import EVALUATIONS, Backend, Batch, Position, batch_of, columns, take_steps
 from ..errors import InputError, short_repr
 from ..models.model import Model
@@ -355,6 +355,12 @@ class OtherKindTest(TestFunction):
             values[self.without] = np.nan
         return values
 
+    def enters(self, point: Point, index: int) -> bool:
+        return self.test.enters(point, index)
+
+    def accept(self, event: Event) -> bool:
+        return self.test.accept(event)
+
     def details(self, point: Point, index: int) -> Details:
         return self.test.details(point, index)
 
@@ -430,8 +436,11 @@ def _pair(here: Linearisation, kind: Kind, other: Kind, details: Details) -> Dou
     for test in _curve_tests(kind, problem):
         vanishing = _place(problem, details) if test.kind == name else None
         tests.append(OtherKindTest(name, test, slice(0, size), vanishing))
-    theirs = (t for t in _curve_tests(other, problem) if t.kind not in MUTUAL)
+    mutual = {*MUTUAL, f"{other.name}-{kind.name}"}
+    theirs = (t for t in _curve_tests(other, problem) if t.kind not in mutual)
     tests += [OtherKindTest(name, test, slice(size, None)) for test in theirs]
+    if {kind.name, other.name} == {"FB", "PD"}:  # its coefficient has a pole all along
+        tests = [test for test in tests if not test.kind.endswith("GPD")]
     return DoubleSystem(
         DoubleEvent(name, kind, other),
         SimultaneousEvents(one, two, size),
@@ -441,9 +450,11 @@ def _pair(here: Linearisation, kind: Kind, other: Kind, details: Details) -> Dou
 
 
 def _place(problem: OrbitProblem, details: Details) -> int:
-    """Which of the values of `AlsoGrazes` or `AlsoStops` belongs to a touch or an impact."""
+    """Which of the values of a test function belongs to a touch or an impact, if either does."""
     if "impact" in details:
         return int(details["impact"])
+    if "flight" not in details:
+        return 0
     walls = problem.model.letters
     return int(details["flight"]) * len(walls) + walls.index(details["wall"])
 

@@ -10,7 +10,7 @@ import pytest
 
 from contimpact.bifurcations.kind import double_orbit
 from contimpact.diagrams.curves import follow_curve
-from contimpact.diagrams.map_explorer import entries_born, model_at_point, orbit_at
+from contimpact.diagrams.map_explorer import entries_born, follow_codim2, model_at_point, orbit_at
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits
 from contimpact.results.branch import orbit_of
@@ -222,3 +222,23 @@ def test_a_pair_on_the_unit_circle_beside_a_fold():
     torus = follow_curve(start, machine, "m1", *ranges)
     (same,) = [p for p in torus.points if p.kind == "NS-FB"]
     assert same.parameters == pytest.approx(point.parameters, abs=1e-10)
+
+
+@pytest.mark.full
+def test_a_fold_flip_is_followed_in_a_third_parameter(masses):
+    """Along it both multipliers keep their values, on the equations of both events."""
+    machine, events = masses
+    ranges = [(1.2, 2.4), (0.8, 1.5), (0.5, 0.7)]
+    found = []
+    for kind in ("FB", "PD"):
+        entry = events[kind]
+        (point,) = follow_curve(entry, machine, "m1", *BOTH).points
+        given = {"second": "m1", "third": "k2", "ranges": ranges}
+        found.append(follow_codim2(entry, point, machine, **given))
+        assert not found[-1].missed
+    one, other = found
+    assert (one.kind, other.kind) == ("FB-PD", "PD-FB")
+    multipliers = np.array([one[f"multiplier{i}_re"] for i in (1, 2, 3, 4)])
+    for mu in (1.0, -1.0):
+        assert np.min(abs(multipliers - mu), axis=0) == pytest.approx(0.0, abs=1e-8)
+    assert other["omega"][[0, -1]] == pytest.approx(one["omega"][[0, -1]], abs=1e-9)
