@@ -94,18 +94,21 @@ BESIDE, ATTEMPTS = 1e-4, 5
 many steps with the event's Jacobian they are reached."""
 
 
-def orbits_beside(here: Linearisation) -> Iterator[Linearisation]:
+def orbits_beside(
+    here: Linearisation, sides: Iterable[float] = (1.0, -1.0)
+) -> Iterator[Linearisation]:
     """Yield the orbits of the branch in the first parameter on both sides of a point, those that
-    are reached."""
+    are reached: where the parameter is larger first, or smaller."""
     problem, last = here.problem, here.problem.n + 1
     units, columns = here.sizes[0], here.sizes[1][:last]
     left, sizes, right = np.linalg.svd(here.jacobian[:, :last] * columns / units[:, None])
     if not sizes[-1] > 1e-10 * sizes[0]:
         return
     inverse = columns[:, None] * right[:-1].T / sizes @ (left.T / units)
-    for step in (BESIDE, -BESIDE):
+    along = math.copysign(BESIDE, right[-1, -1]) * columns * right[-1]
+    for side in sides:
         unknowns = here.unknowns.copy()
-        unknowns[:last] += step * columns * right[-1]
+        unknowns[:last] += side * along
         try:
             for _ in range(ATTEMPTS):
                 there = problem.evaluate(unknowns)
@@ -337,22 +340,31 @@ class Kind(ABC):
         return here.verdict
 
     def verdict_on_branch(
-        self, here: Linearisation, details: Details, known: Iterable[Linearisation] = ()
+        self,
+        here: Linearisation,
+        details: Details,
+        known: Iterable[Linearisation] = (),
+        sides: list[float] | None = None,
     ) -> Verdict:
         """As `verdict`, but an orbit counts as unphysical where those of its branch are on both
-        sides: what they violate may all vanish at the event. `known` are orbits beside it."""
+        sides: what they violate may all vanish at the event. `known` are orbits beside it; `sides`,
+        1 and -1 in the order in which to look there, is put in that which would have done here."""
         found = self.verdict(here, details)
         if not found.physical or self.changes is not Change.PHYSICALITY:
             return found
         if any(orbit.verdict.physical for orbit in known):
             return found
-        reasons = []
-        for there in orbits_beside(here):
+        reasons: list[str] = []
+        sides = [1.0, -1.0] if sides is None else sides
+        for there in orbits_beside(here, tuple(sides)):
             if there.verdict.physical:
+                if reasons:
+                    sides.reverse()
                 return found
             reasons.append(str(there.verdict.reason))
         if len(reasons) < 2:
             return found
+        reasons = reasons[:: int(sides[0])]
         reason = f"orbits beside it are not physical: {' and '.join(reasons)}"
         return replace(found, physical=False, reason=reason)
 
@@ -750,12 +762,11 @@ SMALLEST = -700.0
 
 def scaled_determinant(orbit: Linearisation, mu: float) -> float:
     """Return the determinant of C(mu) in natural sizes, which has the sign of its own."""
-    problem = orbit.problem
-    sizes = problem.scale(orbit.unknowns, 1.0)
-    free = mu == 1.0 and problem.autonomous  # C(1) is singular: of shifts in time
+    n = orbit.problem.n
+    free = mu == 1.0 and orbit.problem.autonomous  # C(1) is singular: of shifts in time
     matrix = orbit.jacobian if free else orbit.cyclic(mu)
-    rows = problem.residual_sizes(sizes)[:, None]  # its own may vanish, as at rest
-    sign, logarithm = log_determinant(matrix[:, : problem.n] * sizes[: problem.n] / rows)
+    rows, sizes = orbit.sizes  # its own rows may vanish, as at rest
+    sign, logarithm = log_determinant(matrix[:, :n] * sizes[:n] / rows[:, None])
     return sign * math.exp(max(logarithm, SMALLEST))
 
 
@@ -823,14 +834,28 @@ def _leaves_no_trace(orbit: Linearisation, time: float) -> bool:
     problem, unknowns, span = orbit.problem, orbit.unknowns, orbit.span
     apart = problem.impacts(unknowns)[: len(problem.word), 0] - time
     there = np.abs(apart - span * np.round(apart / span)) < TOGETHER * span
-    sizes = problem.scale(unknowns, 1.0)
-    rows, moved = problem.residual_sizes(sizes), np.flatnonzero(np.repeat(there, problem.m))
+    (rows, sizes), moved = orbit.sizes, np.flatnonzero(np.repeat(there, problem.m))
     own = orbit.cyclic(0.0)
     around = orbit.cyclic(1.0) - own
     if problem.autonomous:  # the first impact is held in time, and all others move instead
         around[:, 0] = -own[:, : problem.n : problem.m].sum(axis=1)
     both = np.hstack([own[:, moved].T, around[:, moved].T]) / np.tile(rows, 2)
     return bool(np.linalg.norm(both * sizes[moved, None], -2) < NO_TRACE)
+
+
+Counted: TypeAlias = Callable[["CurvePoint"], Linearisation]
+
+
+def _remembering(counted: Counted) -> Counted:
+    """A function that is asked twice for each point, and computes once."""
+    last: list[tuple[CurvePoint, Linearisation]] = []
+
+    def remembered(here: CurvePoint) -> Linearisation:
+        if not last or last[0][0] is not here:
+            last[:] = [(here, counted(here))]
+        return last[0][1]
+
+    return remembered
 
 
 def touch_points(
@@ -843,8 +868,12 @@ def touch_points(
     `longer` and `shorter` give the orbit with the touch as an impact of its word, and without, None
     if no impact is left.
     """
-    points: list[TestFunction[CurvePoint]] = [DegenerateTouch(touch), FoldBorn(touch, longer)]
+    points: list[TestFunction[CurvePoint]] = [
+        DegenerateTouch(touch),
+        FoldBorn(touch, _remembering(longer)),
+    ]
     if shorter is not None:
+        shorter = _remembering(shorter)
         doubles = "the grazing orbit doubles its period here: the grazing is real on one side only"
         folds = "the branch that grazes folds at its grazing"
         points += [

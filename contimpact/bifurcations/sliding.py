@@ -136,7 +136,7 @@ def near_touches(here: Linearisation) -> list[Touch]:
 
 
 def _touching(here: Linearisation) -> float:
-    return TOUCHING * here.problem.size_of_gaps(here.unknowns)
+    return TOUCHING * here.problem.size_of_gaps(here)
 
 
 def tolerated_touches(here: Linearisation) -> set[tuple[int, str]]:
@@ -519,7 +519,7 @@ def _quiet_orbit(here: Linearisation, impact: int) -> tuple[OrbitProblem, Array]
     found = solve_near(quiet, np.append(guess, here.unknowns[-problem.free :]))
     if found is None:
         return None
-    least = TOUCHING_WHILE_VANISHING * quiet.size_of_gaps(found.unknowns)
+    least = TOUCHING_WHILE_VANISHING * quiet.size_of_gaps(found)
     if any(t is not None and t.wall == wall and abs(t.gap) < least for t in found.gaps[0].touches):
         return quiet.first_lap(found.unknowns)
     return None

@@ -570,7 +570,8 @@ def _columns(points: Sequence[Point], marks: Sequence[tuple[Point, str]]) -> dic
     named = [*((p, "") for p in points), *marks]
     named = list({(p.arclength, mark): (p, mark) for p, mark in named}.values())
     named.sort(key=lambda pair: pair[0].arclength)
-    rows = [_row(point) | {"event": mark} for point, mark in named]
+    sides = [1.0, -1.0]
+    rows = [_row(point, sides) | {"event": mark} for point, mark in named]
     columns = {}
     for name, first in rows[0].items():
         kind = {str: object, int: np.int64}.get(type(first), float)
@@ -578,7 +579,7 @@ def _columns(points: Sequence[Point], marks: Sequence[tuple[Point, str]]) -> dic
     return columns
 
 
-def _row(point: Point[CurvePoint]) -> dict[str, float | str]:
+def _row(point: Point[CurvePoint], sides: list[float]) -> dict[str, float | str]:
     here = point.evaluation
     orbit, kind, details = here.orbit, here.problem.kind, here.details
     row: dict[str, float | str] = {"arclength": point.arclength, **all_parameters(orbit)}
@@ -587,7 +588,7 @@ def _row(point: Point[CurvePoint]) -> dict[str, float | str]:
     multipliers, n_unstable = kind.multipliers(orbit, details)
     for k, mu in enumerate(multipliers.tolist(), start=1):
         row |= {f"multiplier{k}_re": mu.real, f"multiplier{k}_im": mu.imag}
-    verdict = kind.verdict_on_branch(orbit, details)
+    verdict = kind.verdict_on_branch(orbit, details, sides=sides)
     return row | {
         "n_unstable": n_unstable,
         "physical": int(verdict.physical),

@@ -41,7 +41,7 @@ from ..segments.bounded import UNIT, BoundedNumber, bounds_of, bounds_of_kernel
 from ..segments.flight import FlightGaps, flight_gaps
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION, CombinedBlocks, Setup
-from ..segments.segment import ARRAYS, ELSEWHERE, MEETING, evaluate_in
+from ..segments.segment import ARRAYS, ELSEWHERE, MEETING, STATES, evaluate_in
 from ..segments.touches import flights_are_apart, interior_touches
 from ..segments.track import integrated_track, track_of
 from .status import (
@@ -176,13 +176,18 @@ def _motion_by_segment(
     guard = problem.model.guard(wall)
     gap, segment = kernels.gap_after(left, wall), kernels.segment(left, wall)
     none = [0.0] * (problem.m - 1)
-    found = []
-    for t in dt.tolist():
-        place, speed = gap(*row, t, *values)[:2]
-        others = segment.blocks(row, [begin + t, *none], values)[0][2:]
-        factors = guard.row(problem.model.DEGREES_OF_FREEDOM)
-        found.append(state_before(factors, place, [speed, *others]))
-    x, v = np.array(found, dtype=float).transpose(1, 0, 2)
+    if kernels.integrated(left):  # in pieces, where a flight is long
+        found = [
+            (*gap(*row, t, *values)[:2], *segment.blocks(row, [begin + t, *none], values)[0][2:])
+            for t in dt.tolist()
+        ]
+        columns: list[Any] = list(np.array(found, dtype=float).T)
+    else:
+        ends = segment.over(STATES)(row, [begin + dt, *none], values)[0][2:]
+        columns = [*evaluate_in(gap, STATES)(*row, dt, *values)[:2], *ends]
+    factors = guard.row(problem.model.DEGREES_OF_FREEDOM)
+    states = state_before(factors, columns[0], columns[1:])
+    x, v = (np.column_stack([part + 0.0 * dt for part in state]) for state in states)
     return x, v
 
 
@@ -884,10 +889,10 @@ class OrbitProblem:
         one[0] = self.period(unknowns)
         return np.append(np.tile(one, len(self.word)), self._units_of_parameters(unknowns))
 
-    def size_of_gaps(self, unknowns: Array) -> float:
+    def size_of_gaps(self, here: Linearisation) -> float:
         """Return the natural size of gaps: the way at the largest velocity in a period."""
-        sizes = self.scale(unknowns, 1.0)[1 : self.n : self.m] / math.sqrt(len(self.word))
-        return float(np.max(sizes)) * self.period(unknowns)
+        sizes = here.sizes[1][1 : self.n : self.m] / math.sqrt(len(self.word))
+        return float(np.max(sizes)) * self.period(here.unknowns)
 
     def _units_of_parameters(self, unknowns: Array) -> Array:
         sizes = np.abs(unknowns[self.n :])

@@ -264,9 +264,9 @@ class QuietProblem(OrbitProblem):
         units[1::2] *= rate
         return np.append(units, self._units_of_parameters(unknowns))
 
-    def size_of_gaps(self, unknowns: Array) -> float:
+    def size_of_gaps(self, here: Linearisation) -> float:
         """Return the natural size of gaps: that of positions along the orbit."""
-        return float(self.scale(unknowns, 1.0)[0])
+        return float(here.sizes[1][0])
 
     def times_around(self, unknowns: Array, flight: int) -> tuple[float, float]:
         """Return the times between which touches are looked for."""

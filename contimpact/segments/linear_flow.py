@@ -384,12 +384,19 @@ def flow_of_states(d: int, h: int, directions: int, dt: Any, *numbers: Any) -> A
     differ by rounding alone, and need one matrix."""
     given = numbers[: len(numbers) // (1 + directions)]
     if np.ndim(dt) and not any(np.ndim(x) for x in given):
-        each, numbered = np.unique(_to_digits(dt), return_inverse=True)
-        found = flow_of_arrays(d, h, 0, each, *given)[:, numbered.reshape(np.shape(dt))]
+        _, first, numbered = np.unique(_to_digits(dt), return_index=True, return_inverse=True)
+        times = np.ravel(dt)[first].tobytes()
+        found = _flow_at(d, h, times, given)[:, numbered.reshape(np.shape(dt))]
     else:
         found = flow_of_arrays(d, h, 0, dt, *given)
     size = 2 * directions * d * Shape(d, h, 0).size
     return np.concatenate([found, np.zeros((size, *found.shape[1:]))])
+
+
+@lru_cache(maxsize=4)
+def _flow_at(d: int, h: int, times: bytes, numbers: tuple[float, ...]) -> Array:
+    """The same for each of some times; both coordinates of a flight are asked for at once."""
+    return flow_of_arrays(d, h, 0, np.frombuffer(times), *numbers)
 
 
 def _to_digits(dt: Array) -> Array:
