@@ -166,8 +166,8 @@ OWN_ITERATIONS = 3
 
 
 class RepetitionTest(TestFunction[CurvePoint]):
-    """The orbit becomes a shorter one: impacts that are to be the same have the same velocity, by
-    the largest."""
+    """The orbit becomes a shorter one: impacts that are to be the same have the same section
+    coordinates, by the largest of each."""
 
     kind = "shorter"
     noise = rounding = 1e-9  # on a curve of shorter orbits it is zero everywhere
@@ -177,9 +177,10 @@ class RepetitionTest(TestFunction[CurvePoint]):
 
     def values(self, point: Point[CurvePoint]) -> Array:
         orbit = point.evaluation.orbit
-        speeds = orbit.problem.impacts(orbit.unknowns)[:, 1]
-        apart = np.asarray(speeds - np.roll(speeds, self.impacts))[: self.impacts]
-        return apart / (np.max(np.abs(speeds)) or 1.0)
+        rows = orbit.problem.impacts(orbit.unknowns)[:, 1:]
+        sizes = np.max(np.abs(rows), axis=0)
+        apart = (rows - np.roll(rows, self.impacts, axis=0))[: self.impacts]
+        return np.asarray(apart / np.where(sizes > 0.0, sizes, 1.0)).ravel()
 
     def locate(
         self, problem: Problem[CurvePoint], guess: Point[CurvePoint], index: int
@@ -223,7 +224,7 @@ def solve_repetition(here: CurvePoint) -> Location | None:
         return None
     kind, name = crossed
     short = problem_of(problem.model, halves[-1], problem.kernels)
-    mean = short.evaluate(_mean_half(here.orbit))
+    mean = short.evaluate(_mean_half(here.orbit, short))
     try:
         system = double_of(mean, name, kind_of(kind), {}).system
     except InputError:  # the mean has no such point near: it touches nothing
@@ -243,15 +244,14 @@ def solve_repetition(here: CurvePoint) -> Location | None:
     return Location(curve.packed(orbit.unknowns, own), solution.residual, solution.error)
 
 
-def _mean_half(here: Linearisation) -> Array:
-    """The mean of a doubled orbit's halves, as a shorter orbit."""
+def _mean_half(here: Linearisation, short: OrbitProblem) -> Array:
+    """The mean of a doubled orbit's halves, as an orbit of the shorter word."""
     problem = here.problem
     rows = problem.impacts(here.unknowns)
-    count = len(rows) // 2
+    count, span = len(rows) // 2, 0.5 * problem.span(here.unknowns)
     later = rows[count:].copy()
-    later[:, 0] -= 0.5 * problem.span(here.unknowns)
-    mean = 0.5 * (rows[:count] + later)
-    return np.append(mean.ravel(), here.unknowns[problem.n :])
+    later[:, 0] -= span
+    return short.with_impacts(0.5 * (rows[:count] + later), span, here.unknowns)
 
 
 class ShorterEnd(Policy):
