@@ -287,6 +287,10 @@ OUTGROWN = 8.0
 SHORT_OF = (0.99, 0.9, 0.5)
 """Parts of the way to an end up to which it is seen whether an event is missed before it; nearer to
 an end where branches cross, no point may be reached."""
+VANISHED = 1e-4
+"""Part of a value before it of which the sign is that of rounding: a cubic zero has less at .99."""
+SAME_POWER = 0.5
+"""How far powers may differ that are one: between two zeros and the end values are smaller."""
 
 AT_START = 1e-9
 """An event this near to a branch point a walk starts from is one of the branch it comes from."""
@@ -758,16 +762,26 @@ class _Walker:
         self.missed[known:] = [one for one in new if not self.is_past(one, arc, last)]
 
     def is_past(self, missed: MissedEvent, arc: Arc, last: Point) -> bool:
-        """Whether what is missed on an arc happens at the end that was found there, or beyond: no
-        value has changed its sign just before it."""
+        """Whether what is missed on an arc happens at the end that was found there, or beyond.
+
+        Then no value has changed its sign just before it; or, where two zeros close to each other
+        are not excluded, it is one at the end: values fall as a power of what is left of the way.
+        """
         way = (last.arclength - arc.left.arclength) / (arc.right.arclength - arc.left.arclength)
-        before = next(filter(None, (arc.at(part * way) for part in SHORT_OF)), None)
-        if before is None or missed.index is None:
-            return False
-        place = slice(missed.index, missed.index + 1)
+        place = slice(missed.index, None if missed.index is None else missed.index + 1)
         tests = [test for test in self.tests if test.kind == missed.kind]
-        products = [test.at(arc.left)[place] * test.at(before)[place] for test in tests]
-        return bool(np.all(np.concatenate(products) > 0.0))
+        first = np.concatenate([test.at(arc.left)[place] for test in tests])
+        powers = []
+        for part in SHORT_OF:
+            if (before := arc.at(part * way)) is None:
+                continue
+            with np.errstate(divide="ignore", invalid="ignore"):
+                parts = np.concatenate([test.at(before)[place] for test in tests]) / first
+            if np.all(np.abs(parts) > VANISHED):
+                if missed.index is not None or not np.all(parts > 0.0):
+                    return bool(np.all(parts > 0.0))
+                powers.append(np.log(parts) / math.log(1.0 - part))
+        return len(powers) > 1 and bool(np.all(np.ptp(powers, axis=0) < SAME_POWER))
 
     def stopped(self, end: End, last: Point) -> End:
         """Let the walk end at a point before the last one."""

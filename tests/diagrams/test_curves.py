@@ -638,11 +638,21 @@ def test_a_velocity_that_is_forgotten_at_one_stiffness_makes_a_point():
     assert k == pytest.approx(expected, abs=1e-12)
 
 
+SHORTER_ENDS = {
+    "fig3d": ("FB", "1:1/2T", "r", (2.5, 3.94), (0.9, 1.1)),
+    "fig8": ("G[1:1/4T->(5:4)/4T]", "1:1/4T", "s", (7.5, 11.3), (0.7, 1.3)),
+    "coco_bang_bang": ("FB", "2:2", "A", (0.95, 0.995), (0.9, 1.005)),
+}
+
+
 @pytest.mark.quick(1)
-def test_nothing_is_missed_at_an_end_in_a_shorter_orbit():
-    """The cusp's test function vanishes at the end by symmetry, to the third order."""
-    entry, model = shipped("fig3d", "FB", "1:1/2T")
-    value = model.values["r"]
-    curve = follow_curve(entry, model, "r", (2.5, 3.94), (0.9 * value, 1.1 * value))
-    assert "SHORTER" in {end.kind.name for end in curve.ends}
-    assert (curve.points, curve.missed) == ([], [])
+@pytest.mark.parametrize("name", SHORTER_ENDS)
+def test_nothing_is_missed_at_an_end_in_a_shorter_orbit(name):
+    """The cusp's test function vanishes at the end by symmetry, to the third order, and that of
+    G-FB, whose multiplier is the square of -1, to the second. Orbits of free period end so, too."""
+    label, notation, second, first, parts = SHORTER_ENDS[name]
+    entry, model = shipped(name, label, notation)
+    low, high = (part * model.values[second] for part in parts)
+    curve = follow_curve(entry, model, second, first, (low, high))
+    assert [end.kind.name for end in curve.ends].count("SHORTER") == 1
+    assert curve.missed == []
