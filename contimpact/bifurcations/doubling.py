@@ -77,7 +77,7 @@ class DoublingTurns(CurveTest):
     """GPD: the numerator of c, which has no pole where the curve turns in lambda, times det C(1),
     which leaves it none where the orbit also folds."""
 
-    kind = "GPD"
+    kind, pole = "GPD", "FB"
     changes = "the period doubling changes between supercritical and subcritical"
 
     def of(self, here: CurvePoint) -> float:

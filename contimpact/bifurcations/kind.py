@@ -36,7 +36,7 @@ from ..orbits.status import (
     products_of,
 )
 from ..segments.flight import Touch
-from .declarations import CROSSINGS, FILES, unknown_kind
+from .declarations import FILES, unknown_kind
 from .equations import Equations as Equations
 from .equations import System as System
 from .extended_system import (
@@ -518,7 +518,8 @@ def double_orbit(here: Linearisation) -> Linearisation:
     return doubled.evaluate(doubled.with_impacts(both, 2.0 * span, here.unknowns))
 
 
-MARKERS = dict.fromkeys(CROSSINGS, "o") | {
+MARKERS = {
+    "PD-G": "o",
     "G-FB": "^",
     "CP": "v",
     "GPD": "s",
@@ -531,9 +532,13 @@ MARKERS = dict.fromkeys(CROSSINGS, "o") | {
     "FB-BP": "d",
     "PD-PD": "d",
     "FB-PD": "h",
-    "PD-FB": "h",
+    "FB-NS": "H",
+    "PD-NS": "8",
 }
 """Markers of the points in pictures."""
+
+OTHER_NAMES = {"G-PD": "PD-G", "PD-FB": "FB-PD", "NS-FB": "FB-NS", "NS-PD": "PD-NS"}
+"""Points that are seen from the curves of both kinds, and their names on the other one."""
 
 
 class CurvePoint(Evaluation, Protocol):
@@ -551,6 +556,8 @@ class CurveTest(TestFunction[CurvePoint]):
     """A test function of the points of a curve, with a sentence on what changes at its zeros."""
 
     changes: str = ""
+    pole: str = ""
+    """Name of a kind at whose events the function has a pole, or none but for rounding."""
 
     def values(self, point: Point[CurvePoint]) -> Array:
         try:

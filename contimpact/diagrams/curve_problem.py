@@ -433,14 +433,12 @@ def _pair(here: Linearisation, kind: Kind, other: Kind, details: Details) -> Dou
     one, two = (_equations(k, problem, details) for k in (kind, other))
     size = len(one.start(here))
     tests: list[TestFunction] = []
-    for test in _curve_tests(kind, problem):
+    for test in (t for t in _curve_tests(kind, problem) if t.pole != other.name):
         vanishing = _place(problem, details) if test.kind == name else None
         tests.append(OtherKindTest(name, test, slice(0, size), vanishing))
     mutual = {*MUTUAL, f"{other.name}-{kind.name}"}
-    theirs = (t for t in _curve_tests(other, problem) if t.kind not in mutual)
-    tests += [OtherKindTest(name, test, slice(size, None)) for test in theirs]
-    if {kind.name, other.name} == {"FB", "PD"}:  # its coefficient has a pole all along
-        tests = [test for test in tests if not test.kind.endswith("GPD")]
+    theirs = (t for t in _curve_tests(other, problem) if t.pole != kind.name)
+    tests += [OtherKindTest(name, t, slice(size, None)) for t in theirs if t.kind not in mutual]
     return DoubleSystem(
         DoubleEvent(name, kind, other),
         SimultaneousEvents(one, two, size),

@@ -23,8 +23,7 @@ from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path as OutlinePath
 
 from ..arrays import Array
-from ..bifurcations.declarations import CROSSINGS
-from ..bifurcations.kind import MARKERS, kind_of
+from ..bifurcations.kind import MARKERS, OTHER_NAMES, kind_of
 from ..errors import InputError, explain_arguments, require_known, short_repr
 from ..results.curve import (
     Area,
@@ -328,7 +327,7 @@ def _draw_panel(ax: Any, panel: Panel, keys: Sequence[Key], units: Mapping[str, 
         _draw_curve(ax, curve, panel, colour_of(key_of(curve), keys))
         for point in curve.points:
             place = (point.parameters[panel.across], point.parameters[panel.along])
-            ax.plot(*place, marker=MARKERS.get(point.kind, "P"), zorder=5, **POINT)
+            ax.plot(*place, marker=_marker(point.kind), zorder=5, **POINT)
     if ax.xaxis.get_tick_params().get("labelbottom", True):
         ax.set_xlabel(axis_label(panel.across, units.get(panel.across, "")))
     if ax.yaxis.get_tick_params().get("labelleft", True):
@@ -399,6 +398,10 @@ def _name_ends(ax: Any, panel: Panel, keys: Sequence[Key]) -> None:
         ax.annotate(_text(key, keys), (1.0, place), (4, 0), **where, **look)
 
 
+def _marker(kind: str) -> str:
+    return MARKERS.get(OTHER_NAMES.get(kind, kind), "P")
+
+
 def _draw_legend(
     ax: Any, panels: Sequence[Panel], keys: Sequence[Key], further: Sequence[Any]
 ) -> None:
@@ -412,8 +415,8 @@ def _draw_legend(
     if any(c.ghost.any() for c in curves):
         handles.append(legend_mark(color="0.3", linestyle=(0, (1, 1.4)), label="ghost"))
     kinds = (p.kind for c in curves for p in c.points)
-    for kind in dict.fromkeys(CROSSINGS[0] if k in CROSSINGS else k for k in kinds):
-        marker = MARKERS.get(kind, "P")
+    for kind in dict.fromkeys(OTHER_NAMES.get(k, k) for k in kinds):
+        marker = _marker(kind)
         handles.append(legend_mark(color="k", ls="none", marker=marker, ms=4.5, label=kind))
     ax.figure.legend(
         handles=[*handles, *further],
