@@ -19,6 +19,7 @@ from .compiling import load, mode, timed_plainly
 from .integration import (
     KEPT,
     SOME_STEPS,
+    UNIT,
     batch_integrator,
     integrator,
     is_limited,
@@ -30,6 +31,7 @@ from .taylor import flight_by_series, has_series
 from .track import velocities_at
 
 if TYPE_CHECKING:
+    from .kernel import Kernel
     from .machine_code import Program
 
 TRIALS_APART = 0.7
@@ -38,6 +40,10 @@ TRIALS_APART = 0.7
 MANY = 64
 """Flights at once, as in searches, from which heyoka integrates them side by side; the number alone
 decides, not what a process has done before."""
+
+COARSE = 2.0**-33
+"""Tolerance of flights that searches fly: their orbits are solved for at rounding afterwards, from
+the nine digits that they share with those of exact flights."""
 
 PAYS_AFTER = 0.3
 """Seconds that heyoka has taken for a field after which compiling pays: it takes about as long."""
@@ -92,45 +98,47 @@ def flown_along(field: str, directions: str, rows: Sequence[Sequence[float]]) ->
 
 def flown_of_arrays(field: str, directions: str, *numbers: Any) -> Array:
     """Return the same for arrays of numbers; results are along axis 0, NaN where there is none."""
-    return _flown_of_arrays(field, directions, directions, *numbers)
+    return _flown_of_arrays(field, directions, UNIT, *numbers)
 
 
 def flown_of_states(field: str, directions: str, *numbers: Any) -> Array:
-    """Return the same without derivatives by parameters, which are put at zero."""
+    """Return the same to `COARSE`, for searches, whose results are solved for once more, without
+    derivatives by parameters, which are put at zero."""
     moved = [name for name in directions.split() if name not in statement(field).parameters]
     return _with_zeros(field, directions, moved, *numbers)
 
 
 def flown_of_values(field: str, directions: str, *numbers: Any) -> Array:
-    """Return the same without derivatives, which are put at zero."""
+    """Return the same to `COARSE` without derivatives, which are put at zero."""
     return _with_zeros(field, directions, [], *numbers)
 
 
 def _with_zeros(field: str, directions: str, wanted: Sequence[str], *numbers: Any) -> Array:
-    """The same with zeros for the derivatives that are not wanted."""
-    found = _flown_of_arrays(field, directions, " ".join(wanted), *numbers)
+    """The same with zeros for the derivatives that are not wanted, which are the last."""
+    found = _flown_of_arrays(field, " ".join(wanted), COARSE, *numbers)
     rows = 2 * statement(field).freedom * (len(directions.split()) - len(wanted))
     return np.concatenate([found, np.zeros((rows, *found.shape[1:]))])
 
 
-def _flown_of_arrays(field: str, directions: str, wanted: str, *numbers: Any) -> Array:
-    """The same with the derivatives that are wanted, by the first of the directions."""
+def _flown_of_arrays(field: str, directions: str, tolerance: float, *numbers: Any) -> Array:
+    """The same with steps to a tolerance."""
     given = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in numbers))
     shape = given[0].shape
-    if not wanted and not any(np.ndim(x) for x in numbers[1:]) and np.min(numbers[0]) >= 0.0:
+    if not directions and not any(np.ndim(x) for x in numbers[1:]) and np.min(numbers[0]) >= 0.0:
         return velocities_at(field, numbers[1:], given[0].ravel()).reshape(-1, *shape)
-    rows, by = np.column_stack([x.ravel() for x in given]), tuple(wanted.split())
+    rows, by = np.column_stack([x.ravel() for x in given]), tuple(directions.split())
     size = 2 * statement(field).freedom * (1 + len(by))
     found, left = np.full((len(rows), size), np.nan), np.isfinite(rows).all(axis=1)
     if may_hide(field):
-        compiled = _run_program(field, directions, rows)
+        compiled = _run_program(field, directions, rows, tolerance=tolerance)
         if compiled is not None:
-            found = compiled[:, :size]
-            left &= ~np.isfinite(found).all(axis=1)
+            found = compiled
+            left &= ~np.isfinite(found).all(axis=1) & (tolerance == UNIT)
     if left.any():
-        made = batch_integrator if len(rows) >= MANY else integrator
-        with timed_plainly(_identity(field, directions)):
-            found[left] = made(field, by).each(rows[left])
+        exact = len(rows) < MANY and tolerance == UNIT
+        made = integrator(field, by) if exact else batch_integrator(field, by, tolerance)
+        with timed_plainly(_identity(field, directions, tolerance=tolerance)):
+            found[left] = made.each(rows[left])
     return found.T.reshape(-1, *shape)
 
 
@@ -180,8 +188,10 @@ def multiprecision_functions(ctx: Any) -> dict[str, Callable[..., Any]]:
 # Compiled programs of single flights.
 
 
-def _identity(field: str, directions: str, along: bool = False) -> tuple[str, ...]:
-    return ALONG if along else FLOWN, field, directions
+def _identity(
+    field: str, directions: str, along: bool = False, tolerance: float = UNIT
+) -> tuple[str, ...]:
+    return ALONG if along else FLOWN, field, directions, str(tolerance)
 
 
 FLOWN, ALONG = "flown", "flown along"
@@ -189,7 +199,9 @@ FLOWN, ALONG = "flown", "flown along"
 direction."""
 
 
-def _run_program(field: str, directions: str, rows: Array, along: bool = False) -> Array | None:
+def _run_program(
+    field: str, directions: str, rows: Array, along: bool = False, tolerance: float = UNIT
+) -> Array | None:
     """The results of flights, a row each, by a compiled program, if that is there or pays.
 
     They are NaN where a flight does not stay finite or takes more than `SOME_STEPS`. Steps are not
@@ -197,31 +209,30 @@ def _run_program(field: str, directions: str, rows: Array, along: bool = False) 
     """
     if mode() == "never" or not has_series(field) or is_limited():
         return None
-    identity = _identity(field, directions, along)
-    run = load(identity, "fff", lambda: _program(field, directions, along), PAYS_AFTER)
+    flight = flight_by_series(field, directions, along, SOME_STEPS, tolerance)
+    identity, count = _identity(field, directions, along, tolerance), rows.shape[1]
+    run = load(identity, "FfF", lambda: _program(flight.function, count), PAYS_AFTER)
     if run is None:
         return None
-    space = np.empty(flight_by_series(field, directions, along, SOME_STEPS).space)
     sides = 2 if along else 1
     size = 2 * sides * statement(field).freedom * (1 + len(directions.split()))
     found = np.empty((len(rows), size))
-    for row, results in zip(np.ascontiguousarray(rows), found, strict=True):
-        run(row, space, results)
+    run(np.ascontiguousarray(rows), np.empty(flight.space), found)
     return found
 
 
-def _program(field: str, directions: str, along: bool) -> Program:
+def _program(flight: Kernel, count: int) -> Program:
     from .machine_code import Program
 
-    size = len(statement(field).names) * (2 if along else 1)
     program = Program({})
     text = f"""
-def entry(x, space, out):
-    found = flight({", ".join(f"x[{i}]" for i in range(size))}, space)
-    for i in range(len(out)):
-        out[i] = found[i]
+def entry(rows, space, found):
+    for k in range(len(rows)):
+        x, out = rows[k], found[k]
+        results = flight({", ".join(f"x[{i}]" for i in range(count))}, space)
+        for i in range(len(out)):
+            out[i] = results[i]
     return 0
 """
-    function = flight_by_series(field, directions, along, SOME_STEPS).function
-    program.glue(text, flight=function)
+    program.glue(text, flight=flight)
     return program

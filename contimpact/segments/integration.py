@@ -54,11 +54,15 @@ SOME_STEPS = 10_000
 KEPT = 64
 """Flights that are kept: gaps, sizes and stability of an orbit ask for the same ones."""
 
+UNIT = 2.0**-53
+"""Unit of rounding."""
 LOOKS = 8
 """Places in a step, at equal distances, the last of them its end, at which the force is compared
 with the polynomials."""
 CLOSE = 2.0**8
 """By how many units of rounding they may differ, as a part of the largest velocity."""
+NEAR = 4.0
+"""By how many times the tolerance of steps, where that is more."""
 NOISE = 16.0
 """The same as a part of how much the force differs where its arguments do by `MOVED`."""
 MOVED = 4.0
@@ -232,15 +236,26 @@ class _Step(NamedTuple):
 class Integrator:
     """The flow of a field, compiled, with derivatives by some directions of `Statement.names`.
 
-    It integrates series truncated at `degree` (0 for numbers) in numbers of `bits` (0 for doubles).
+    It integrates series truncated at `degree` (0 for numbers) in numbers of `bits` (0 for doubles);
+    errors of steps in doubles are about the `tolerance`.
     """
 
-    def __init__(self, field: str, directions: tuple[str, ...], degree: int, bits: int) -> None:
+    def __init__(
+        self,
+        field: str,
+        directions: tuple[str, ...],
+        degree: int,
+        bits: int,
+        tolerance: float = UNIT,
+    ) -> None:
         require()
         self.hy = hy = _heyoka()
         self.field, self.directions, self.degree, self.bits = field, directions, degree, bits
         self.stated, self._hides = statement(field), may_hide(field)
-        identity = hy.__version__, type(self).__name__, field, *directions, str(degree), str(bits)
+        numbers = map(str, (degree, bits, tolerance))
+        identity = hy.__version__, type(self).__name__, field, *directions, *numbers
+        self._unit = 2.0**-bits if bits else UNIT
+        self._tolerance = self._unit if bits else tolerance
         keys, self._adaptive, self._force = kept_object(
             "integrator", (*identity, _own_text()), self._built
         )
@@ -265,7 +280,7 @@ class Integrator:
         powers = self._looks ** self._orders[:, None]
         slopes = self._orders[1:, None].astype(powers.dtype) * powers[:-1]
         self._powers = np.hstack([powers, np.vstack([0 * powers[:1], slopes])])
-        self._unit = 2.0 ** -(bits or 53)
+        self._unit = 2.0**-bits if bits else UNIT
         outcome = hy.taylor_outcome
         self._arrived = outcome.time_limit
         self._going = {outcome.time_limit, outcome.success, outcome.step_limit}
@@ -498,7 +513,8 @@ class Integrator:
         pars = np.empty((self._force.nparams, *times.shape), dtype=terms.dtype)
         pars[:] = given[: len(pars), :, None]
         pushes = self._forces(states, pars, times) * lengths[:, None]
-        off, close = np.abs(pushes - slopes), (largest * self._number(CLOSE * self._unit))[:, None]
+        off = np.abs(pushes - slopes)
+        close = (largest * self._number(max(CLOSE * self._unit, NEAR * self._tolerance)))[:, None]
         if (off <= close).all():
             return None
         more = self._number(1.0) + self._number(MOVED * self._unit)
@@ -601,13 +617,14 @@ def integrator(
 class BatchIntegrator(Integrator):
     """An `Integrator` compiled for as many flights as the processor computes at once."""
 
-    def __init__(self, field: str, directions: tuple[str, ...]) -> None:
-        super().__init__(field, directions, 0, 0)
+    def __init__(self, field: str, directions: tuple[str, ...], tolerance: float = UNIT) -> None:
+        super().__init__(field, directions, 0, 0, tolerance)
         self.lanes = self._state.shape[1]
 
     def _compiled(self, system: list[Any]) -> Any:
         blank = np.zeros((len(system), self.hy.recommended_simd_size()))
-        return self.hy.taylor_adaptive_batch(system, blank, opt_level=1)
+        tolerance = {} if self._tolerance == UNIT else {"tol": self._tolerance}
+        return self.hy.taylor_adaptive_batch(system, blank, opt_level=1, **tolerance)
 
     def each(self, rows: Array) -> Array:
         """Return what an `Integrator` does for each row of the numbers of `Statement.names`.
@@ -686,6 +703,8 @@ AT_ONCE = 64
 
 
 @functools.cache
-def batch_integrator(field: str, directions: tuple[str, ...] = ()) -> BatchIntegrator:
+def batch_integrator(
+    field: str, directions: tuple[str, ...] = (), tolerance: float = UNIT
+) -> BatchIntegrator:
     """Return the integrator of many flights; it is compiled when it is first asked for."""
-    return BatchIntegrator(field, directions)
+    return BatchIntegrator(field, directions, tolerance)

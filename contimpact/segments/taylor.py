@@ -23,9 +23,11 @@ from .integration import (
     LOOKS,
     MOST_STEPS,
     MOVED,
+    NEAR,
     NOISE,
     SCALE,
     SHORTEST_STEP,
+    UNIT,
     statement,
 )
 from .kernel import ELEMENTARY, Kernel, function_of
@@ -46,27 +48,22 @@ from .taylor_text import Writer
 ORDER = DEGREE
 """Order of the series: heyoka's for errors at rounding."""
 
-FACTOR = math.exp(-2.0) * math.exp(-0.7 / (ORDER - 1))
-"""Part of the radius of convergence that a step takes, by Jorba and Zou (2005)."""
-
-UNIT = 2.0**-53
-"""Unit of rounding."""
-
 SMALLEST = 1.0 / SCALE
 """Size of a state below which errors are no longer relative to it."""
 
 
-def step_length(size: float, last: float, before: float, left: float) -> float:
+def step_length(order: int, size: float, last: float, before: float, left: float) -> float:
     """Return the length of a step.
 
-    By Jorba and Zou's estimate of the radius of convergence, from the largest coefficients of the
-    last order and of the one before beside the largest number of the state; at most what is left.
+    By Jorba and Zou's (2005) estimate of the radius of convergence, from the largest coefficients
+    of the last order and of the one before beside the largest number of the state; at most what is
+    left.
     """
-    size = max(size, SMALLEST)
+    size, part = max(size, SMALLEST), math.exp(-2.0) * math.exp(-0.7 / (order - 1))
     if last > 0.0:
-        left = min(left, FACTOR * (size / last) ** (1.0 / ORDER))
+        left = min(left, part * (size / last) ** (1.0 / order))
     if before > 0.0:
-        left = min(left, FACTOR * (size / before) ** (1.0 / (ORDER - 1)))
+        left = min(left, part * (size / before) ** (1.0 / (order - 1)))
     return left
 
 
@@ -79,19 +76,25 @@ class BySeries(NamedTuple):
 
 @functools.cache
 def flight_by_series(
-    field: str, directions: str, along: bool = False, most: int = MOST_STEPS
+    field: str,
+    directions: str,
+    along: bool = False,
+    most: int = MOST_STEPS,
+    tolerance: float = UNIT,
 ) -> BySeries:
     """Return what `Integrator` does for a field and directions, as a plain function.
 
     It takes the numbers of `Statement.names` and scratch space, and returns NaN where the flow
-    It takes the numbers of `Statement.names` and scratch space, and returns NaN where the flow
-    ceases to be finite or takes more than `most` steps. With `along` it takes the slopes of all
+    ceases to be finite or takes more than `most` steps, whose errors are about the `tolerance`, as
+    in `Integrator`. With `along` it takes the slopes of all
     numbers behind these, and returns how all results change along them behind the results.
 
     Raises NotImplementedError for a field with an operation that has no series here.
     """
     writer = Writer(field, tuple(directions.split()), along)
-    return _by_series(writer, "flight", writer.flight("flight"), step_length, most=most)
+    order = math.ceil(1.0 - 0.5 * math.log(tolerance))
+    more = {"MOST_STEPS": most, "ORDER": order, "CLOSE": max(CLOSE * UNIT, NEAR * tolerance)}
+    return _by_series(writer, "flight", writer.flight("flight"), more, step_length)
 
 
 @functools.cache
@@ -105,14 +108,13 @@ def path_by_series(field: str) -> BySeries:
     """
     writer = Writer(field, ())
     called = step_length, follow_step, begin_path
-    return _by_series(writer, "path", writer.path("path"), *called)
+    return _by_series(writer, "path", writer.path("path"), {"MOST_STEPS": MOST_STEPS}, *called)
 
 
 def _by_series(
-    writer: Writer, name: str, text: str, *called: Callable[..., object], most: int = MOST_STEPS
+    writer: Writer, name: str, text: str, more: dict[str, float], *called: Callable[..., object]
 ) -> BySeries:
-    stride = writer.stride
-    numbers = NUMBERS | {"STRIDE": stride, "MOST_STEPS": most}
+    numbers = NUMBERS | {"STRIDE": writer.stride, **more}
 
     def function(name: str, text: str) -> Kernel:
         return function_of(name, text, f"<{name} by {writer.field}>", ELEMENTARY, names)
@@ -127,7 +129,7 @@ def _by_series(
         helpers["misses"] = writer.misses()
     for helper, lines in helpers.items():
         names[helper] = function(helper, with_numbers(lines))
-    return BySeries(function(name, with_numbers(text)), (ORDER + 1) * stride)
+    return BySeries(function(name, with_numbers(text)), (int(numbers["ORDER"]) + 1) * writer.stride)
 
 
 NUMBERS: dict[str, float] = {

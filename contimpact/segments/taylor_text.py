@@ -591,7 +591,7 @@ class Writer:
             "        r, p, q = w[:STRIDE], tail(w, STRIDE * ORDER), tail(w, STRIDE * (ORDER - 1))",
             "        left = (1.0 - at) - lost",
             f"        size = {sizes[0]}",
-            f"        h = step_length(size, {', '.join(sizes[1:])}, left)",
+            f"        h = step_length(ORDER, size, {', '.join(sizes[1:])}, left)",
             *_indented(2, watch if self.hides else []),
             *_indented(2, [f"{s} = p[{i}]" for i, s in enumerate(sums)]),
             "        for k in range(ORDER - 1, -1, -1):",
