@@ -234,12 +234,14 @@ def solve_on_arrays(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
     near = AT_REST * typical if problem.autonomous and typical < math.inf else 0.0
     astray, shrunk, last = np.zeros(count, dtype=int), np.zeros(count, dtype=int), np.ones(count)
     for _ in range(ITERATIONS):
+        left = _sizes(z) < far
+        if problem.autonomous:
+            left &= -z[0, 0] < LONGEST * period
+        z, origin = z[..., left], origin[left]
+        if not len(origin):
+            break
         residual, jacobian = _evaluate_all(problem, z)
         healthy = np.isfinite(residual.sum(axis=0) + jacobian.sum(axis=(0, 1)))
-        if problem.autonomous:
-            healthy &= -z[0, 0] < LONGEST * period
-        if integrated:
-            healthy &= _sizes(z) < far
         if not healthy.all():
             z, origin, residual = z[..., healthy], origin[healthy], residual[:, healthy]
             jacobian = jacobian[..., healthy]
@@ -261,8 +263,6 @@ def solve_on_arrays(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
         kept = (astray[origin] < LOST) & (shrunk[origin] < VANISHING)
         if not kept.all():
             z, origin = z[..., kept], origin[kept]
-        if not len(origin):
-            break
     if not reached:
         return np.empty((0, n * m + 1)), np.empty(0, dtype=int)
     solutions = np.concatenate(reached, axis=-1).reshape(n * m, -1).T
