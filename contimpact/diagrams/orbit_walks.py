@@ -495,6 +495,10 @@ def backend_of(
 LOST = 1e-9
 """A part of the orbit's size to which flights have amplified the rounding of their unknowns."""
 
+GROWTH = 10.0
+"""Factor by which these do not grow from a point to the next; of 2,500 points they grew by 2.03 at
+most, where the period grows without bound."""
+
 STILL = 1e-13
 """A change of the parameter within a step, as part of it, with which its value is known."""
 
@@ -509,6 +513,8 @@ class FreePeriodEnds(Policy):
         self.problem = problem
         self.before: Point | None = None
         self.shortest = np.inf
+        self.sound = 0
+        """Points, with this one, before which rounding errors cannot have grown to be `LOST`."""
 
     def accepted(self, point: Point, events: Sequence[Event]) -> tuple[End, Point] | None:
         before, self.before = self.before or point, point
@@ -537,12 +543,19 @@ class FreePeriodEnds(Policy):
         here, problem = point.evaluation, self.problem
         longer = here.span > before.evaluation.span
         self.shortest = min(self.shortest, here.span)
+        longer = longer and here.span > LONG * self.shortest
+        step = point.parameter - before.parameter
+        still = before is not point and abs(step) < STILL * abs(point.parameter)
+        self.sound -= 1
+        if self.sound > 0 and not (longer and still):
+            return None
         size = max(1.0, float(np.max(np.abs(problem.impacts(here.unknowns)[:, 1:]), initial=0.0)))
         error = EPSILON * float(np.max(np.abs(here.jacobian) @ np.abs(here.unknowns)))
-        lost, step = error > LOST * size, point.parameter - before.parameter
-        still = before is not point and abs(step) < STILL * abs(point.parameter)
+        most = LOST * size
+        lost = error > most
+        self.sound = int(math.log(most / error, GROWTH)) if 0.0 < error < most else 0
         at, told = (problem.parameter, point.parameter), {"period": here.span, "error": error}
-        if longer and (lost or still) and here.span > LONG * self.shortest:
+        if longer and (lost or still):
             what = f"{problem.parameter} changes no more"
             if lost:
                 what = f"the rounding errors of so long a flight to {error:.1g}"
