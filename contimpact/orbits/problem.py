@@ -39,6 +39,7 @@ from ..models.model import Model
 from ..models.word import Word
 from ..segments.bounded import UNIT, BoundedNumber, bounds_of, bounds_of_kernel
 from ..segments.flight import FlightGaps, flight_gaps
+from ..segments.integration import KEPT
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION, CombinedBlocks, Setup
 from ..segments.segment import ARRAYS, ELSEWHERE, MEETING, STATES, evaluate_in
@@ -590,6 +591,7 @@ class OrbitProblem:
         self.kernel_evaluations = 0
         self._last_setup: tuple[tuple[float, ...] | None, Any] = None, None
         self.solvers: dict[str, Any] = {}
+        self._kept_sizes = functools.lru_cache(KEPT)(lambda z: self._sizes(np.frombuffer(z)))
         if self.autonomous != model.autonomous:
             found = f"{word!r}, of a model {'without' if model.autonomous else 'with'} forcing"
             accepted = f"give the period {0 if model.autonomous else 1}, or the word as a text"
@@ -845,6 +847,11 @@ class OrbitProblem:
         wave; all averaged over the impacts on surfaces of one gap coordinate, since others have
         their own units. The free parameters are measured in `span`.
         """
+        sizes = self._kept_sizes(np.asarray(unknowns, dtype=float).tobytes())
+        return np.append(sizes, np.full(self.free, span))
+
+    def _sizes(self, unknowns: Array) -> Array:
+        """Those of the unknowns of impacts."""
         impacts, one = np.abs(self.impacts(unknowns)), np.ones((len(self.word), self.m))
         one[:, 0] = self.period(unknowns) / self.mean_order(self.values(unknowns))
         along = self._largest_along(unknowns) if self.looks_along else None
@@ -860,7 +867,7 @@ class OrbitProblem:
                 moves = sizes[2::2] > RESTING * resting
                 sizes[2::2] = np.where(moves, sizes[2::2], resting)
             one[place, 1:] = np.where(sizes > 0, sizes, 1.0)
-        return np.append(one * math.sqrt(len(self.word)), np.full(self.free, span))
+        return np.asarray(one * math.sqrt(len(self.word)))
 
     def residual_sizes(self, scale: Array) -> Array:
         """Return natural sizes of the residuals, given those of the unknowns, shape (n,).

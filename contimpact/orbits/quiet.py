@@ -404,8 +404,8 @@ class QuietProblem(OrbitProblem):
         ends = [track.along(row).at_end() for row in np.eye(size).tolist()]
         return np.array(ends).ravel()
 
-    def scale(self, unknowns: Array, span: ArrayLike) -> Array:
-        """Return natural sizes of the unknowns, by which arclength is measured.
+    def _sizes(self, unknowns: Array) -> Array:
+        """Natural sizes of the state.
 
         Velocities are measured by the largest along the orbit, or positions in waves of the
         forcing, and positions by the same in the wave's time.
@@ -416,7 +416,7 @@ class QuietProblem(OrbitProblem):
         size = max(size, float(np.max(state[1::2])) / rate)
         sizes = np.full(self.m, size if size > 0.0 else 1.0)
         sizes[1::2] *= rate
-        return np.append(sizes, span)
+        return sizes
 
     def residual_sizes(self, scale: Array) -> Array:
         """Return natural sizes of the residuals: those of the state."""
