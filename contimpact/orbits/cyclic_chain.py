@@ -518,10 +518,9 @@ def measure_chain(follow: Follow, orbit: ChainVectors, z: Vector, row: Vector, a
     does."""
     counts = orbit.counts
     count, m, walls = len(orbit.kinds), counts[UNKNOWNS], counts[WALLS]
-    told = counts[GAPS] != 0
+    told, beyond = counts[GAPS] != 0, False
     for k in range(count):
-        later = m * (k + 1) if k + 1 < count else 0
-        length = z[later] - z[m * k] if later > 0 else z[0] + orbit.clock[0] - z[m * k]
+        later, length = duration_of(orbit, z, k)
         orbit.durations[k], orbit.velocities[k] = length, z[m * k + 1]
         slowest = math.nan
         for j in range(walls):
@@ -533,13 +532,22 @@ def measure_chain(follow: Follow, orbit: ChainVectors, z: Vector, row: Vector, a
             else:
                 for g in range(counts[COORDINATES]):
                     slow = touches_of(orbit, k, g, made, z[m * k], length, z[later + 1])
-                    told = told and within_walls(orbit, k, g, made, length)
+                    found = side_of_walls(orbit, k, g, made, length)
+                    told, beyond = told and found != UNCLEAR, beyond or found == OUTSIDE
                     if not abs(slow) >= abs(slowest):
                         slowest = slow
         for j in range(walls):
             row[at + walls * k + j] = orbit.gaps[walls * k + j]
         row[at + walls * count + k] = slowest
-    return told
+    return told and (not beyond or fill_in_depths(follow, orbit, z))
+
+
+def duration_of(orbit: ChainVectors, z: Vector, k: int) -> tuple[int, float]:
+    """Return where the unknowns of the impact begin that ends a flight, and how long it lasts."""
+    m = orbit.counts[UNKNOWNS]
+    if k + 1 < len(orbit.kinds):
+        return m * (k + 1), z[m * (k + 1)] - z[m * k]
+    return 0, z[0] + orbit.clock[0] - z[m * k]
 
 
 def evaluate_section(
@@ -593,16 +601,20 @@ def measure_section(follow: Follow, orbit: ChainVectors, z: Vector, row: Vector,
     return told
 
 
-def within_walls(orbit: ChainVectors, k: int, g: int, made: int, length: float) -> bool:
-    """Whether a flight clearly begins and ends within all walls of a gap coordinate beyond which it
-    may."""
+UNCLEAR, WITHIN, OUTSIDE = range(3)
+"""Where a flight begins and ends: `OUTSIDE` where it leaves its mode at once."""
+
+
+def side_of_walls(orbit: ChainVectors, k: int, g: int, made: int, length: float) -> int:
+    """Return whether a flight clearly begins and ends within all walls of a gap coordinate beyond
+    which it may, or clearly runs through one from its surface."""
     counts, following = orbit.counts, k + 1 if k + 1 < len(orbit.kinds) else 0
     walls, coordinates = counts[WALLS], counts[COORDINATES]
     left, reached, head = orbit.word[k], orbit.word[following], (g, coordinates, made)
     begin = orbit.forces[len(orbit.forces) - coordinates + g]
     _, rate, _ = motion_of_gap(head, 0.0, orbit.steps)
     moved, speed, _ = motion_of_gap(head, length, orbit.steps)
-    fastest = max(abs(rate), abs(speed))
+    fastest, found = max(abs(rate), abs(speed)), WITHIN
     for j in range(walls):
         if orbit.measured[j] == g:
             bits, side, position = (
@@ -613,12 +625,79 @@ def within_walls(orbit: ChainVectors, k: int, g: int, made: int, length: float) 
             ends = bits & WATCHED != 0 and orbit.watched[walls * reached + j] & AT_END != 0
             least = CLEARLY * (abs(position) + abs(begin) + abs(moved))
             if bits & AT_START != 0 and not side * (position - begin) > least:
-                return False
+                return UNCLEAR
             if bits & BY_RATE != 0 and not -side * rate > CLEARLY * fastest:
-                return False
+                found = OUTSIDE
+                if not side * rate > CLEARLY * fastest:
+                    return UNCLEAR
             if ends and not side * (position - begin - moved) > least:
-                return False
+                return UNCLEAR
+    return found
+
+
+def fill_in_depths(follow: Follow, orbit: ChainVectors, z: Vector) -> bool:
+    """Put the greatest depths of flights that leave their modes at once in the place of their gaps,
+    as `segments.touches` does; whether it is clear which these are."""
+    count, m = len(orbit.kinds), orbit.counts[UNKNOWNS]
+    for g in range(orbit.counts[COORDINATES]):
+        fastest, strongest = 0.0, 0.0
+        for again in range(2):  # after the rates at the ends of all flights
+            for k in range(count):
+                later, length = duration_of(orbit, z, k)
+                if not length > CLEARLY * orbit.clock[0]:
+                    return False
+                made = follow(orbit, orbit.word[k], z, m * k, length)
+                head = (g, orbit.counts[COORDINATES], made)
+                _, rate, begun = motion_of_gap(head, 0.0, orbit.steps)
+                _, speed, ended = motion_of_gap(head, length, orbit.steps)
+                if again == 0:
+                    fastest = max(fastest, abs(rate), abs(speed))
+                    strongest = max(strongest, abs(begun), abs(ended))
+                elif not (abs(rate) > CLEARLY * fastest and strongest > 0.0):
+                    return False
+                else:
+                    least = 0.5 * rate * rate / strongest
+                    fill_in_depth(orbit, k, g, made, z[m * k], length, z[later + 1], least)
     return True
+
+
+def fill_in_depth(
+    orbit: ChainVectors,
+    k: int,
+    g: int,
+    made: int,
+    start: float,
+    length: float,
+    arriving: float,
+    least: float,
+) -> int:
+    """Do so for a flight and the walls of one gap coordinate; it leaves by `least` at least."""
+    walls, coordinates = orbit.counts[WALLS], orbit.counts[COORDINATES]
+    left, reached = orbit.word[k], orbit.word[k + 1 if k + 1 < len(orbit.kinds) else 0]
+    head, begin = (g, coordinates, made), orbit.forces[len(orbit.forces) - coordinates + g]
+    _, rate, _ = motion_of_gap(head, 0.0, orbit.steps)
+    moved, speed, _ = motion_of_gap(head, length, orbit.steps)
+    side = 0.0
+    if orbit.measured[reached] == g:
+        speed, side = arriving, orbit.sides[reached]
+    breaks = orbit.breaks[2 * MOST * g : 2 * MOST * g + int(orbit.found[g])]
+    high, when_high, low, when_low, _ = excursions(
+        motion_of_gap, head, orbit.steps, length, speed, 0.0, side, breaks, 0.0, math.inf
+    )
+    for j in range(walls):
+        side, place = orbit.sides[j], walls * k + j
+        by_rate = orbit.watched[walls * left + j] & BY_RATE != 0
+        if orbit.measured[j] == g and by_rate and side * rate > 0.0:
+            distance, gap, dt = orbit.fixed[0][POSITIONS + j] - begin, -least, 0.0
+            if side * (distance - moved) < gap:
+                gap, dt = side * (distance - moved), length
+            if side > 0.0 and distance - high < gap:
+                gap, dt = distance - high, when_high
+            if side < 0.0 and low - distance < gap:
+                gap, dt = low - distance, when_low
+            if not orbit.gaps[place] <= gap:
+                orbit.gaps[place], orbit.times[place] = gap, start + dt
+    return 0
 
 
 def touches_of(

@@ -40,21 +40,22 @@ def shipped(name, word, **changes):
 
 
 ORBITS = {
-    "one mode, forced": ("impact_duffing", "UD", 1.5),
-    "free period, lost directions": ("coco_piecewise", "LR", 1.3),
-    "jumps of the gap coordinate": ("coco_bang_bang", "NP", 0.95),
-    "one coordinate, free period": ("belt_free", "SP", 1.0),
-    "modes of different dimension": ("coco_stick_slip", "IR", 0.6),
+    "one mode, forced": ("impact_duffing", "UD", 1.5, True),
+    "free period, lost directions": ("coco_piecewise", "LR", 1.3, True),
+    "flights that leave their modes at once": ("coco_piecewise", "LR", 1.3, False),
+    "jumps of the gap coordinate": ("coco_bang_bang", "NP", 0.95, True),
+    "one coordinate, free period": ("belt_free", "SP", 1.0, True),
+    "modes of different dimension": ("coco_stick_slip", "IR", 0.6, True),
 }
-"""Scenes, words, and about which value of the scene's parameter their orbits are."""
+"""Scenes, words, about which value of the scene's parameter their orbits are, and if physical."""
 
 
 def exported(kind):
     """An orbit of an exported branch: it need not be searched for."""
-    name, word, value = ORBITS[kind]
+    name, word, value, physical = ORBITS[kind]
     branches = load_diagram(SHIPPED / name).branches
-    branch = next(b for b in branches if b.word == word and np.any(b.physical))
-    rows = np.flatnonzero(branch.physical & (branch["event"] == ""))
+    branch = next(b for b in branches if b.word == word and np.any(b.physical == physical))
+    rows = np.flatnonzero((branch.physical == physical) & (branch["event"] == ""))
     return branch.orbit(int(rows[np.argmin(np.abs(branch[branch.parameter][rows] - value))]))
 
 
