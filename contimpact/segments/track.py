@@ -411,7 +411,6 @@ def velocities_at(field: str, numbers: Sequence[float], times: Array) -> Array:
 
 def _values(terms: Array, part: Array) -> Array:
     """Polynomials of shape (n, freedom, degree + 1) at parts of their steps, shape (n, freedom)."""
-    total = np.zeros(terms.shape[:2])
-    for k in range(terms.shape[2] - 1, -1, -1):
-        total = total * part[:, None] + terms[:, :, k]
-    return total
+    powers = np.vander(part, terms.shape[2], increasing=True)
+    found: Array = np.einsum("nik,nk->ni", terms, powers)
+    return found
