@@ -519,10 +519,11 @@ def test_orbit_at_nowhere(pair, orbits, problem_of):
             orbit_at(problem, np.full(5, value))
 
 
-@pytest.mark.parametrize("name", ["two_masses", "impact_duffing"])
+@pytest.mark.parametrize(("name", "off"), [("two_masses", 1e-12), ("impact_duffing", 1e-9)])
 @pytest.mark.full
-def test_starts_are_evaluated_without_derivatives_by_parameters(name):
-    """What a search asks of flights is the same to rounding as with all derivatives."""
+def test_starts_are_evaluated_without_derivatives_by_parameters(name, off):
+    """What a search asks of flights is the same as with all derivatives: to rounding, or to nine
+    digits of what is integrated."""
     if name == "impact_duffing":
         pytest.importorskip("heyoka")
     text = (Path(__file__).parents[2] / "branches" / name / "scene.toml").read_text("utf-8")
@@ -535,7 +536,7 @@ def test_starts_are_evaluated_without_derivatives_by_parameters(name):
     found, whole = (segment.over(arithmetic)(start, end, p) for arithmetic in (STATES, ARRAYS))
     for part, other in zip(found[:3], whole[:3], strict=True):
         for x, y in zip(part, other, strict=True):
-            np.testing.assert_allclose(x, y, rtol=1e-12, atol=1e-12)
+            np.testing.assert_allclose(x, y, rtol=off, atol=off)
 
 
 @pytest.mark.full
