@@ -47,6 +47,10 @@ ELSEWHERE, AROUND = 8, 0.3
 REWEIGHTED = 20
 """Fits at most with the deviations that the residuals of the last one have, where none are given;
 the last one changes them by less than 1e-6."""
+ROUNDED = 1e-12
+"""Least deviation of exact data, in parts of period and largest velocity."""
+LIKELY = 9.2
+"""By how much larger the misfit of a fit is at most that is not refuted: e^4.6 is a hundred."""
 AMBIGUOUS = 3.0
 """Deviations by which an impact has to be nearer to a row than the next one."""
 
@@ -118,7 +122,8 @@ def _impacts(names: list[str], rows: Sequence[Sequence[Any]], places: list[str])
             numbers[i, j] = _number(cells.get(name), f"{places[i]}, {name}")
         if np.all(np.isnan(numbers[i])):
             raise InputError(places[i], "neither time nor velocity", "leave the row out")
-        walls.append(str(cells.get("wall") or ""))
+        wall = cells.get("wall")
+        walls.append("" if wall is None or wall != wall else str(wall))  # NaN in tables
     return Impacts(tuple(walls), numbers[:, 0], numbers[:, 1], tuple(places))
 
 
@@ -160,7 +165,8 @@ class Fit(NotebookResult):
     """The impact of the orbit, from 0 on, that each row belongs to."""
     data: Impacts = field(repr=False)
     misfit: float
-    """Twice the negative logarithm of the likelihood, but for a constant: it compares fits."""
+    """Twice the negative logarithm of the likelihood, but for a constant: it compares fits. Where
+    deviations are not given, it is that of the deviations at which the likelihood is largest."""
     reason: str | None = None
     """Why it is no minimum, or not the only one; None otherwise."""
     notes: tuple[str, ...] = ()
@@ -522,12 +528,40 @@ def _best(task: _Task, orbit: Orbit, deviations: Mapping[str, float] | None) -> 
             for _ in range(REWEIGHTED):
                 squares = np.nansum(reached.residuals**2, axis=0)
                 squares /= np.maximum(counts - task.leverages(reached), 1)
-                before, task.sigmas = task.sigmas, np.maximum(np.sqrt(squares), 1e-12 * scales)
+                before, task.sigmas = task.sigmas, np.maximum(np.sqrt(squares), ROUNDED * scales)
                 reached, reason = _descend(task, task.compare(reached.values, reached.orbit))
                 if np.max(np.abs(task.sigmas / before - 1.0)) < 1e-6:
                     break
         found.append(_fit(task, reached, reason, deviations is not None))
-    return min(found, key=_rank)
+    return _with_other_clocks(sorted(found, key=_rank))
+
+
+def _with_other_clocks(found: Sequence[Fit]) -> Fit:
+    """The first of an orbit's fits; a note names clocks at which others are about as likely."""
+    best = found[0]
+    if CLOCK not in best.values:
+        return best
+    texts = [
+        f"{one.values[CLOCK]:.9g} (misfit larger by {max(one.misfit - best.misfit, 0.0):.3g})"
+        for one in found[1:]
+        if one.misfit - best.misfit < LIKELY and not _coincide(one, best)
+    ]
+    if not texts:
+        return best
+    note = f"the clock may also be {', '.join(dict.fromkeys(texts))}"
+    return replace(best, notes=(*best.notes, note))
+
+
+def _coincide(one: Fit, other: Fit) -> bool:
+    """Whether two fits say the same of the data: each impact at the same time and velocity."""
+    span = other.orbit.period
+    shifts = one.values[CLOCK] - other.values[CLOCK]
+    late = one.orbit.times[:, None] - other.orbit.times + shifts
+    late -= span * np.round(late / span)
+    faster = one.orbit.velocities[:, None] - other.orbit.velocities
+    walls = [np.array(list(each.orbit.word.walls)) for each in (one, other)]
+    near = (np.abs(late) < 1e-6 * span) & (np.abs(faster) < 1e-6) & (walls[0][:, None] == walls[1])
+    return bool(near.any(axis=1).all())
 
 
 def _later(orbit: Orbit, shift: float) -> Orbit:
@@ -618,18 +652,19 @@ def _fit(task: _Task, point: _Point, reason: str | None, given: bool) -> Fit:
     timed = list(zip(point.impacts[task.present[:, 0]].tolist(), laps.tolist(), strict=True))
     if again := len(timed) - len(set(timed)):
         notes.append(f"{again} rows have the impact and the period of another row")
+    spread = math.sqrt(point.cost / freedom) if freedom and not given else 1.0
     if task.far.shape[1] > 1:
-        near = np.sort(np.sqrt(task.far), axis=1)
+        near = np.sort(np.sqrt(task.far), axis=1) / max(spread, ROUNDED)
         if close := int(np.sum(near[:, 1] - near[:, 0] < AMBIGUOUS)):
             notes.append(f"{close} of {len(near)} rows may belong to another impact")
     values = dict(zip(task.names, point.values.tolist(), strict=True))
     if CLOCK in values:
         values[CLOCK] %= point.orbit.period
-    spread = math.sqrt(point.cost / freedom) if freedom and not given else 1.0
     known = [i for i in range(2) if task.present[:, i].any()]
     deviations = {MEASURED[i]: float(task.sigmas[i] * spread) for i in known}
     each = np.sum(task.present, axis=0)
-    misfit = point.cost + 2.0 * float(each[known] @ np.log(task.sigmas[known]))
+    misfit = 2.0 * float(each[known] @ np.log(task.sigmas[known]))
+    misfit += point.cost if given else count * math.log(max(point.cost / count, ROUNDED**2))
     return Fit(
         point.orbit, values, covariance, point.cost, freedom, deviations, given, point.residuals,
         point.impacts, task.data, misfit, reason, tuple(notes),

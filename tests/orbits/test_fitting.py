@@ -54,6 +54,37 @@ def without(data, *names):
     return {name: column for name, column in data.items() if name not in names}
 
 
+@pytest.mark.parametrize("left_out", [("time",), ()])
+def test_few_exact_rows_are_of_the_orbit_they_come_from(left_out):
+    """Of two 1:1 orbits, that with smaller velocities was returned, at r = 2e-10."""
+    model = ci.ImpactPair(beta=0.8, r=0.3, A=5.0, s=0.5)
+    data = without(measured(orbit_of("1:1", model=model), laps=1), *left_out)
+    found = ci.fit(model.replace(r=0.32), "1:1", data, ["r"])
+    assert found.values["r"] == pytest.approx(0.3, abs=1e-10)
+    assert all(one.misfit > found.misfit + 30.0 for one in found.others)
+    assert not any("may belong" in note for note in found.notes)
+
+
+def test_a_clock_that_times_do_not_determine_is_said():
+    """Without walls, an orbit and its mirror image half a period later have the same times."""
+    model = ci.ImpactPair(beta=0.0, r=0.5, A=5.0, s=0.4)
+    orbit = orbit_of("1:1", model=model)
+    data = measured(orbit, laps=4, clock=0.3, noise=NOISE)
+    off = model.replace(r=0.52)
+    found = ci.fit(off, orbit, without(data, "wall", "velocity"), ["r"])
+    clocks = {round(found.values["clock"], 1)}
+    (note,) = (note for note in found.notes if "clock" in note)
+    clocks.add(round(float(note.split("also be ")[1].split()[0]), 1))
+    assert clocks == {0.3, 1.3}
+    assert not any("clock" in note for note in ci.fit(off, orbit, data, ["r"]).notes)
+
+
+def test_a_wall_missing_from_a_table_is_nan(two_one):
+    data = measured(two_one, laps=1)
+    data["wall"][1] = math.nan
+    assert read_impacts(data).walls[1] == ""
+
+
 @pytest.mark.parametrize("left_out", [("wall",), ("velocity",), (), ("velocity", "wall")])
 @pytest.mark.quick(2)
 def test_exact_data_give_the_parameters(two_one, left_out):
