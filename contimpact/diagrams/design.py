@@ -13,9 +13,10 @@ constraints that are active say what each costs.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from functools import partial
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -35,10 +36,12 @@ from ..progress import Asked, RememberedProgress, progress_lines
 from ..results.options import DesignOptions
 from ..results.scene import Scene, load_scene, read_scene
 from ..segments.kernels import Kernels
+from ..simulation.attractor import Attractor
 from ..simulation.attractor import Kind as MotionKind
 from ..simulation.integrity import basin_fractions
 from ..simulation.settle import settle
 from ..simulation.simulator import Simulator
+from ..simulation.sweep import is_orbit
 from ..storage import csv_text
 from .margins import EventMargin, Margins, Search, updated_hessian
 
@@ -57,6 +60,9 @@ SETTLED = 1e-8
 PENALTY, LARGEST = 1.0, 1e4
 """Of a violated constraint, in parts of the output, and up to which it is raised tenfold."""
 
+SAME = 1e-6
+"""Part of the output by which those of one orbit, or of mirror images, may differ."""
+
 KEPT = 1e-7
 """By how much less than its bound a constraint may be."""
 
@@ -69,6 +75,11 @@ ACTIVE = 1e-5
 PERIODS, BATCHES, STUDENT = 400, 20, 2.093
 """Forcing periods of complex motion that are simulated at a point, ten times as many at the best;
 parts whose means give the interval of 95 %, and Student's quantile for these."""
+
+FAILING = ArithmeticError, np.linalg.LinAlgError, InputError
+"""What ends one start, margin or simulation; the others are computed."""
+
+Found = TypeVar("Found")
 
 VANISHING = 1e-6
 """A tolerance below this part of a parameter's range is left out: it allows no change."""
@@ -143,6 +154,8 @@ class Design:
     """The best for each margin asked for."""
     chaos: ChaoticMotion | None = None
     notes: tuple[str, ...] = field(default=())
+    failed: tuple[str, ...] = field(default=())
+    """What a numerical failure has ended, a start or a margin, and why; others are computed."""
     interrupted: str = ""
     """What was being done when the keyboard interrupted: what comes later is missing, and of a best
     found before all starts were improved there may be better ones."""
@@ -153,6 +166,7 @@ class Design:
         if one.fraction:
             text += "  reached by {:.1%} of starts ({:.1%} to {:.1%})".format(*one.fraction)
         lines = [text, f"    limited by {one.limited_by}"]
+        lines += [f"    {note}" for note in one.margins.notes] if one.margins else []
         return lines if one.settled else [*lines, "    not settled: a better one is near"]
 
     def table(self) -> str:
@@ -176,6 +190,7 @@ class Design:
             )
             for what, one in named
         ]
+        rows += [("failed", *[""] * (len(head) - 2), text) for text in self.failed]
         if self.interrupted:
             rows.append(("interrupted", *[""] * (len(head) - 2), self.interrupted))
         return csv_text(head, rows)
@@ -190,6 +205,7 @@ class Design:
             rows += self._lines(one, "  other: ")
         for one in self.trade_off:
             rows += self._lines(one, f"  margin {one.margin:g}: ")
+        rows += [f"failed: {text}" for text in self.failed]
         return "\n".join([head, *rows, *self.notes, *([repr(self.chaos)] if self.chaos else [])])
 
 
@@ -254,17 +270,18 @@ class _Designer:
         self.limits = {outputs[name]: most for name, most in asked.limits.items()}
         self.known: dict[tuple[str, ...], Kernels] = {}
         self.rng = np.random.default_rng(scene.seed)
+        self.notes, self.failed = list[str](), list[str]()
 
     def design(self) -> Design:
         """Optimise each word from the best random starts, then at each margin."""
-        found, curve, notes = list[Optimum](), list[Optimum](), list[str]()
+        found, curve = list[Optimum](), list[Optimum]()
         chosen, chaos, interrupted = None, None, ""
         try:
-            self.improve(found, notes)
+            self.improve(found)
             found.sort(key=lambda one: -one.value)
             chosen = self.first_reached(found)
             curve.extend(self.curve(found) if found else [])
-            chaos = self.chaotic() if self.asked.chaos else None
+            chaos = self.attempt("complex motion", self.chaotic) if self.asked.chaos else None
         except KeyboardInterrupt:
             interrupted = self.tell.last or "the beginning"
             found.sort(key=lambda one: -one.value)
@@ -278,35 +295,52 @@ class _Designer:
             tuple(found),
             tuple(curve),
             chaos,
-            tuple(notes),
+            tuple(self.notes),
+            tuple(self.failed),
             interrupted,
         )
 
-    def improve(self, found: list[Optimum], notes: list[str]) -> None:
-        """Add each word's optima from the best random starts, and notes on words without any."""
+    def attempt(self, what: str, compute: Callable[[], Found]) -> Found | None:
+        """What a computation finds; None where it fails, which `failed` then says."""
+        try:
+            return compute()
+        except FAILING as error:
+            self.failed.append(f"{what}: {type(error).__name__}: {error}")
+            return None
+
+    def improve(self, found: list[Optimum]) -> None:
+        """Add each word's optima from the best random starts; note words without any."""
         for word in self.scene.orbits:
             starts = sorted(self.starts(word), key=lambda start: -start[0])
             name = word.notation(self.scene.model.letters)
             if not starts:
-                notes.append(f"no stable physical {name} at {self.asked.starts} random points")
+                self.notes.append(f"no stable physical {name} at {self.asked.starts} random points")
             for number, (_, here) in enumerate(starts[: self.asked.restarts], 1):
-                self.tell(f"{name}, start {number}")
-                one = self.optimum(here, self.asked.margin)
+                start = f"{name}, start {number}"
+                self.tell(start)
+                one = self.attempt(start, partial(self.optimum, here, self.asked.margin, start))
                 if one is not None and not any(self.same(one, other) for other in found):
                     found.append(one)
 
     def starts(self, word: Word) -> Iterator[tuple[float, Linearisation]]:
         """Stable physical orbits at random points within the bounds, with their values."""
-        for number in range(self.asked.starts):
-            self.tell(f"orbits of {word} at random point {number + 1}")
+        for number in range(1, self.asked.starts + 1):
+            what = f"orbits of {word} at random point {number}"
+            self.tell(what)
             point = self.low + self.spans * self.rng.uniform(size=len(self.names))
-            model = self.scene.model.replace(**dict(zip(self.names, point.tolist(), strict=True)))
-            for orbit in find_orbits(model, word, starts=64, rounds=2, rng=self.rng):
-                if orbit.stable and orbit.physical:
-                    problem = self.problem(model, word)
-                    unknowns = np.append(orbit.unknowns[: problem.n], point)
-                    here = problem.evaluate(unknowns)
-                    yield means_of(here, [self.output], model)[0].value, here
+            found = self.attempt(what, partial(self.orbits_at, word, point))
+            yield from found or ()
+
+    def orbits_at(self, word: Word, point: Array) -> list[tuple[float, Linearisation]]:
+        """Stable physical orbits at a point within the bounds, with their values."""
+        model = self.scene.model.replace(**dict(zip(self.names, point.tolist(), strict=True)))
+        problem = self.problem(model, word)
+        each = [
+            problem.evaluate(np.append(orbit.unknowns[: problem.n], point))
+            for orbit in find_orbits(model, word, starts=64, rounds=2, rng=self.rng)
+            if orbit.stable and orbit.physical
+        ]
+        return [(means_of(here, [self.output], model)[0].value, here) for here in each]
 
     def problem(self, model: Model, word: Word) -> OrbitProblem:
         """The orbits of a word in the design's parameters."""
@@ -328,6 +362,7 @@ class _Designer:
         """Whether two optima are one to what is printed."""
         apart = [abs(one.orbit[name] - other.orbit[name]) for name in self.names]
         same = one.orbit.notation == other.orbit.notation
+        same = same and bool(np.isclose(one.value, other.value, rtol=SAME, atol=0.0))
         return same and bool(np.all(np.array(apart) < 1e-4 * self.spans))
 
     def first_reached(self, found: list[Optimum]) -> int | None:
@@ -335,52 +370,71 @@ class _Designer:
         if not self.asked.fraction:
             return 0 if found else None
         for number, one in enumerate(found):
-            self.tell(f"basin of {one.orbit.notation}")
-            fraction = self.fraction(one.orbit)
+            what = f"basin of {one.orbit.notation} at {self.output.name} = {one.value:.9g}"
+            self.tell(what)
+            fraction = one.fraction or self.attempt(what, partial(self.fraction, one))
             found[number] = replace(one, fraction=fraction)
-            if fraction[0] >= self.asked.fraction:
+            if fraction is not None and fraction[0] >= self.asked.fraction:
                 return number
         return None
 
     def curve(self, found: Sequence[Optimum]) -> Iterator[Optimum]:
         """The best optimum for each margin, from those at the margin asked for."""
         for margin in self.asked.margins:
-            self.tell(f"margin {margin:g}")
-            each = [
-                self.optimum(self.restarted(one), margin) if margin != self.asked.margin else one
-                for one in found
-            ]
-            if best := [one for one in each if one is not None]:
-                yield max(best, key=lambda one: one.value)
+            what = f"margin {margin:g}"
+            self.tell(what)
+            each: list[Optimum | None] = list(found)
+            if margin != self.asked.margin:
+                each = [self.attempt(what, partial(self.again, one, margin)) for one in found]
+            kept = sorted((one for one in each if one is not None), key=lambda one: -one.value)
+            chosen = self.first_reached(kept)
+            if chosen is not None:
+                yield kept[chosen]
+            else:
+                self.notes.append(f"{what}: no orbit that was found satisfies the constraints")
 
-    def restarted(self, one: Optimum) -> Linearisation:
-        """The orbit of an optimum, in the design's parameters."""
+    def again(self, one: Optimum, margin: float) -> Optimum | None:
+        """The optimum at another margin that one leads to."""
         problem = self.problem(one.orbit.model, one.orbit.word)
         values = [one.orbit[name] for name in self.names]
-        return problem.evaluate(np.append(one.orbit.unknowns[: problem.n], values))
+        here = problem.evaluate(np.append(one.orbit.unknowns[: problem.n], values))
+        return self.optimum(here, margin, f"margin {margin:g}, from {one.orbit.notation}")
 
-    def fraction(self, orbit: Orbit) -> tuple[float, float, float]:
-        """The part of random starts that lead to an orbit, and its interval."""
-        name = self.names[0]
+    def fraction(self, one: Optimum) -> tuple[float, float, float]:
+        """The part of random starts that lead to an optimum's orbit, or to its mirror image if this
+        gives the same output, and its interval."""
+        name, orbit = self.names[0], one.orbit
+        starts = self.asked.fraction_starts
         found = basin_fractions(
-            orbit.model, name, [orbit[name]], starts=self.asked.fraction_starts, rng=self.scene.seed
+            orbit.model, name, [orbit[name]], starts=starts, rng=self.scene.seed
         )
-        speeds = np.sort(np.abs(orbit.velocities))
-        for number, attractor in found.attractors[0].items():
-            there = np.sort(np.abs(attractor.velocities))
-            if len(there) == len(speeds) and np.allclose(there, speeds, rtol=1e-4):
-                low, high = found.intervals
-                return (
-                    float(found.fractions[0, number]),
-                    float(low[0, number]),
-                    float(high[0, number]),
-                )
-        return 0.0, 0.0, float(1.0 - 0.025 ** (1.0 / self.asked.fraction_starts))
+        if found.interrupted:
+            raise KeyboardInterrupt
+        wanted = [k for k, there in found.attractors[0].items() if self.is_twin(there, one)]
+        each = np.sum(found.counts[:, wanted], axis=1, keepdims=True)
+        both = replace(found, counts=each)
+        low, high = both.intervals
+        return float(both.fractions[0, 0]), float(low[0, 0]), float(high[0, 0])
+
+    def is_twin(self, attractor: Attractor, one: Optimum) -> bool:
+        """Whether an attractor is an optimum's orbit, or has its speeds and its output."""
+        orbit = one.orbit
+        if attractor.kind is not MotionKind.PERIODIC or attractor.period != orbit.word.period:
+            return False
+        if is_orbit(attractor, orbit.word, orbit.problem.impacts(orbit.unknowns)):
+            return True
+        speeds, there = np.sort(np.abs(orbit.velocities)), np.sort(np.abs(attractor.velocities))
+        if len(there) != len(speeds) or not np.allclose(there, speeds, rtol=1e-4):
+            return False
+        twin = attractor.orbit(orbit.model, orbit.parameter)
+        value = means_of(twin.linearisation, [self.output], twin.model)[0].value
+        return bool(np.isclose(value, one.value, rtol=SAME, atol=0.0))
 
     # A local optimum.
 
-    def optimum(self, here: Linearisation, margin: float) -> Optimum | None:
-        """The local optimum that an orbit leads to; None if it violates a constraint."""
+    def optimum(self, here: Linearisation, margin: float, start: str) -> Optimum | None:
+        """The local optimum that an orbit leads to; None, with a note that names the start, if it
+        violates a constraint."""
         events: dict[tuple[Any, ...], EventMargin] = {}
         margins, settled = None, False
         for _ in range(SEARCHES):
@@ -394,7 +448,14 @@ class _Designer:
             here, events = at.here, dict(at.events)
             if not margin:
                 break
+        else:
+            settled = False  # events may be nearer than those of the last search
         if np.min(at.slack, initial=0.0) < -KEPT:
+            worst = int(np.argmin(at.slack))
+            short = -at.slack[worst] * at.units[worst]
+            self.notes.append(
+                f"{start}: it ends where {at.names[worst]} is violated by {short:.3g}"
+            )
             return None
         digits = np.round(self.parts(here), 12)  # a bound reached but for rounding is reached
         place = dict(zip(self.names, (self.low + digits * self.spans).tolist(), strict=True))
@@ -581,9 +642,15 @@ class _Designer:
         """The complex motion that gives most, by differential evolution."""
         from scipy.optimize import differential_evolution
 
+        def cost(point: Array) -> float:
+            where = ", ".join(f"{n} = {v:.6g}" for n, v in zip(self.names, point, strict=True))
+            motion = partial(self.of_motion, point, PERIODS)
+            there = self.attempt(f"motion at {where}", motion)
+            return np.inf if there is None else -there[0]
+
         population = max(4, 5 * len(self.names))
         found = differential_evolution(
-            lambda point: -self.of_motion(point, PERIODS)[0],
+            cost,
             [*zip(self.low, self.low + self.spans, strict=True)],
             popsize=5,
             maxiter=max(1, self.asked.chaos // population - 1),
@@ -591,6 +658,7 @@ class _Designer:
             polish=False,
         )
         if not np.isfinite(found.fun):
+            self.notes.append(f"no complex motion in {found.nfev} simulations")
             return None
         value, off, notation = self.of_motion(found.x, 10 * PERIODS)
         place = dict(zip(self.names, found.x.tolist(), strict=True))

@@ -14,6 +14,7 @@ import pytest
 from mutations import toml
 
 import contimpact as ci
+from contimpact.diagrams import design as designs
 from contimpact.results.scene import read_scene
 
 pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
@@ -107,6 +108,40 @@ def test_what_was_found_before_an_interruption_is_kept_and_marked(at, kinds):
 
 
 @pytest.mark.full
+def test_what_fails_is_said_and_the_rest_is_computed(monkeypatch):
+    """The first start, the first margin and the first simulation of complex motion fail."""
+    calls = []
+
+    def failing(name, number):
+        original = getattr(designs._Designer, name)
+
+        def compute(*given):
+            calls.append(name)
+            if calls.count(name) == number:
+                raise np.linalg.LinAlgError("Singular matrix")
+            return original(*given)
+
+        monkeypatch.setattr(designs._Designer, name, compute)
+
+    failing("orbits_at", 2)
+    failing("climb", 1)
+    failing("again", 1)
+    failing("of_motion", 1)
+    found = ci.design(scene(starts=8, restarts=2, margins=[0.9, 1.1, 30.0], chaos=8))
+    assert found.best.settled
+    assert [one.margin for one in found.trade_off] == [1.1]
+    whats = ["orbits of BBT at random point 2", "2:1, start 1", "margin 0.9", "motion at s = "]
+    assert len(found.failed) == len(whats)
+    assert all(map(str.startswith, found.failed, whats))
+    assert all(text.endswith("LinAlgError: Singular matrix") for text in found.failed)
+    rows = [row.split(",")[0] for row in found.table().splitlines()]
+    assert rows == ["is", "best", "margin", *["failed"] * 4]
+    assert all(f"failed: {text}" in repr(found) for text in found.failed)
+    assert "margin 30: no orbit that was found satisfies the constraints" in found.notes
+    assert any(note.startswith("margin 30, from 2:1: it ends where") for note in found.notes)
+
+
+@pytest.mark.full
 @pytest.mark.skipif(os.name != "posix", reason="sends a POSIX signal")
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_command_asked_to_end_writes_what_it_found(tmp_path, number):
@@ -174,6 +209,21 @@ def test_fractions_of_starts():
     refused = ci.design(scene(fraction=1.0, fraction_starts=40, bounds={"s": [0.33, 0.355]}))
     if refused.best is None:
         assert refused.others[0].fraction[0] < 1.0
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(("output", "both"), [("U**2", True), ("sin(pi*t)", False)])
+def test_a_mirror_image_counts_if_it_gives_as_much(output, both):
+    """At beta = 0 two 1:1 orbits attract, each the other's mirror image half a period later."""
+    given = scene(maximise="Q", bounds={"s": [0.39, 0.41]}, tolerances=None, fraction=0.1)
+    given["model"]["parameters"] |= {"beta": 0.0, "r": 0.5, "s": 0.4}
+    given["follow"]["orbits"] = ["1:1"]
+    given["output"]["Q"] = {"before_impacts": output, "per": "time"}
+    best = ci.design(given).best
+    model = best.orbit.model
+    (counts,) = ci.basin_fractions(model, "s", [model["s"]], starts=200).fractions
+    assert len(counts) == 2
+    assert best.fraction[0] == pytest.approx(1.0) if both else best.fraction[0] in counts
 
 
 @pytest.mark.full
