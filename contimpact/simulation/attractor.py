@@ -157,6 +157,15 @@ class Attractor(ParameterItems, NotebookResult):
             raise InputError("model", found, "give the model it was simulated with")
         return model.replace(**{name: self.parameters[name] for name in model.values})
 
+    @property
+    def accumulates(self) -> bool:
+        """Whether there are infinitely many impacts, so that the last before a sojourn vanish;
+        without restitution a wall is held from the first impact on."""
+        if not (self.released.any() or self.held.any()):
+            return False
+        speeds = np.abs(self.velocities[~self.released])
+        return bool(np.any(speeds < VANISHING * np.max(speeds, initial=0.0)))
+
     def orbit(self, model: Model | None = None, parameter: str | None = None) -> Orbit:
         """Return a periodic motion as an orbit, which can be followed.
 
@@ -238,6 +247,8 @@ class Attractor(ParameterItems, NotebookResult):
 
 # Cycles of the simulated map: where a motion repeats itself, and Newton's iteration for it.
 
+VANISHING = 1e-6
+"""Part of the fastest impact's speed below which impacts accumulate where a motion sticks."""
 CLOSED = 1e-15
 """A cycle that misses itself by less, in parts of its size, is closed; one that misses it by no
 more than `ROUNDED` is where Newton's iteration gains nothing."""

@@ -16,7 +16,7 @@ from ..results.quantities import Energy, branch_voltages, impact_voltages
 from ..segments.kernels import Kernels
 from ..segments.layout import Family
 from ..systems.membrane import Membrane
-from .attractor import Attractor, Kind
+from .attractor import Attractor
 
 __all__ = [
     "Energy",
@@ -75,7 +75,7 @@ def attractor_voltages(membrane: Membrane, attractor: Attractor) -> Energy:
         span = float(attractor.times[-1] - attractor.times[0])
         hits = hits & (np.arange(len(hits)) > 0)
     found = impact_voltages(membrane, attractor.parameters, attractor.velocities[hits], span)
-    if attractor.kind is Kind.STICKING:
+    if attractor.accumulates:
         return Energy(found.impacts, 0.0, found.per_time)
     return found
 
@@ -149,11 +149,14 @@ def losses_of_attractor(attractor: Attractor, model: Model, kernels: Kernels) ->
         section = np.column_stack([section, attractor.others])
     found = _lost_energies(kernels, here, attractor.walls, section)
     found[attractor.released] = 0.0
+    hits = ~attractor.released
     if attractor.period is not None:
-        means = _means(found, attractor.period * attractor.forcing_period)
+        span = attractor.period * attractor.forcing_period
     else:  # from the first impact to the last, without the first
-        means = _means(found[1:], float(attractor.times[-1] - attractor.times[0]) or math.nan)
-    per_impact = 0.0 if attractor.kind is Kind.STICKING else means.per_impact
+        span = float(attractor.times[-1] - attractor.times[0]) or math.nan
+        hits[0] = False
+    means = _means(found[hits], span)
+    per_impact = 0.0 if attractor.accumulates else means.per_impact
     return Losses(found, per_impact, means.per_time)
 
 

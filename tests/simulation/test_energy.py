@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import mpmath as mp
 import numpy as np
 import pytest
 
+import contimpact as ci
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.errors import InputError
 from contimpact.orbits.search import find_orbits
 from contimpact.results.quantities import branch_voltages, impact_voltages
 from contimpact.simulation.attractor import Attractor, Kind
-from contimpact.simulation.energy import attractor_voltages, energy
+from contimpact.simulation.energy import attractor_voltages, energy, losses
 from contimpact.simulation.settle import settle
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.membrane import Membrane, velocity_scale
@@ -86,6 +88,7 @@ def test_energy_along_a_branch(pair, kernels_of):
 
 def motion(kind, released, period=1):
     n = len(released)
+    sticks = released[-1:] == [True]
     return Attractor(
         kind,
         {"A": 5.0, "M": 0.1245, "omega": 5 * math.pi},
@@ -95,7 +98,7 @@ def motion(kind, released, period=1):
         period,
         np.zeros(n, dtype=np.int8),
         np.linspace(0.0, 1.8, n),
-        np.full(n, 0.5),
+        np.array([0.5] * (n - 2) + [1e-9, 0.0]) if sticks else np.full(n, 0.5),
         np.array(released),
     )
 
@@ -106,6 +109,37 @@ def test_energy_where_impacts_accumulate():
     assert found.per_impact == 0.0
     assert len(found.impacts) == 2
     assert found.per_time == pytest.approx(float(np.sum(found.impacts)) / 2)
+
+
+def test_without_restitution_a_mean_per_impact_exists():
+    """The wall is held from the first impact on: one a period, and nothing accumulates."""
+    model = ci.Oscillator(a=1.0, c=0.1, k=1.0, omega=0.8, sigma=0.0, r=0.0)
+    attractor = settle(Simulator(model))
+    assert attractor.released.tolist() == [False, True]
+    speed, period = attractor.velocities[0], 2.0 * math.pi / 0.8
+    lost = losses(attractor, model)
+    assert lost.per_impact == pytest.approx(0.5 * speed**2, rel=1e-12)
+    assert lost.per_time == pytest.approx(0.5 * speed**2 / period, rel=1e-12)
+    pair = settle(Simulator(ci.ImpactPair(beta=math.pi / 6, r=0.0, A=5.0, s=0.5)))
+    found = attractor_voltages(Membrane(), pair)
+    assert found.per_impact == pytest.approx(found.impacts.mean(), rel=1e-12)
+    assert len(found.impacts) == 2 == len(pair.times) - 1
+
+
+def test_losses_of_complex_motion_count_no_releases():
+    """Per impact and per time are in the ratio of impacts and time."""
+    model = ci.Oscillator(a=1.0, c=0.1, k=1.0, omega=0.8, sigma=0.0, r=0.0)
+    cycle = settle(Simulator(model))
+    twice = replace(
+        cycle,
+        kind=Kind.COMPLEX,
+        period=None,
+        walls=np.tile(cycle.walls, 2),
+        times=np.append(cycle.times, cycle.times + 2.0 * math.pi / 0.8),
+        velocities=np.tile(cycle.velocities, 2),
+        released=np.tile(cycle.released, 2),
+    )
+    assert losses(twice, model).per_impact == pytest.approx(0.5 * cycle.velocities[0] ** 2)
 
 
 def test_energy_of_complex_motion_is_over_its_time():
