@@ -126,9 +126,7 @@ def impact_voltages(
     return Energy(voltages, mean, total / span)
 
 
-def branch_voltages(
-    membrane: Membrane, branch: Branch, forcing_period: float = 2.0
-) -> dict[str, Array]:
+def branch_voltages(membrane: Membrane, branch: Branch) -> dict[str, Array]:
     """Return the voltages along a branch, unphysical orbits included, with a value for each point:
     ``U1``, ``U2``, ... of each impact, ``U_I`` per impact, ``U_T`` per time."""
     scale = np.asarray(velocity_scale(branch.columns))
@@ -136,7 +134,7 @@ def branch_voltages(
     columns = {f"U{k + 1}": voltages[:, k] for k in range(voltages.shape[1])}
     total = voltages.sum(axis=1)
     columns["U_I"] = total / voltages.shape[1]
-    columns["U_T"] = total / branch.columns.get("period", branch.period * forcing_period)
+    columns["U_T"] = total / _periods(branch)
     return columns
 
 

@@ -86,6 +86,27 @@ def test_energy_along_a_branch(pair, kernels_of):
     assert columns["U2"][3] == pytest.approx(found.impacts[1])
 
 
+def test_voltages_per_time_use_the_period_of_the_system():
+    """That of a machine stated in a scene with the pair's names was taken for 2; it is 2 pi/2.8."""
+    machine = {
+        "system": "linear",
+        "coordinates": ["x"],
+        "period": "2*pi/omega",
+        "mass": ["M"],
+        "damping": ["0.1"],
+        "stiffness": [1],
+        "force": ["A*cos(omega*t)"],
+        "guards": {"S": {"within": "x <= 0", "restitution": "r"}},
+        "parameters": {"A": 1.0, "omega": 2.8, "M": 1.0, "r": 0.8},
+    }
+    follow = {"parameter": "A", "range": [0.9, 1.1], "orbits": ["1"]}
+    given = {"name": "machine", "model": machine, "follow": follow}
+    branch = ci.follow(ci.read_scene(given)).branches[0]
+    columns = energy(branch)
+    assert columns["U_T"] == pytest.approx(columns["U_I"] * 2.8 / (2.0 * math.pi), rel=1e-12)
+    assert columns["U_T"][3] == pytest.approx(energy(branch.orbit(3)).per_time, rel=1e-12)
+
+
 def motion(kind, released, period=1):
     n = len(released)
     sticks = released[-1:] == [True]
