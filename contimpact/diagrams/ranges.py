@@ -369,9 +369,14 @@ def _split(
         if branch is None:
             rest.append(row)
             continue
-        near = [(_beyond(m, row.value), k) for k, m in enumerate(motions) if m.branch == branch]
-        if near:
-            counts[min(near)[1]] += 1
+        speed = float(np.max(np.abs(row.attractor.velocities), initial=0.0))
+        near = [
+            (_beyond(m, row.value), abs(m.speed(row.value, row.value) - speed), k)
+            for k, m in enumerate(motions)
+            if m.branch == branch
+        ]
+        if near:  # of stretches of a branch at the same values, that with its speed
+            counts[min(near)[2]] += 1
     return rest, counts
 
 

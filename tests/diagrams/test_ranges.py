@@ -19,11 +19,12 @@ from contimpact.diagrams.crisis_location import Crisis, locate_crisis
 from contimpact.diagrams.ranges import attractor_ranges, load_ranges
 from contimpact.errors import InputError
 from contimpact.plots.diagram import plot_ranges
+from contimpact.results.branch import model_at
 from contimpact.results.catalogue import Share, write_diagram
 from contimpact.results.diagram import Diagram
 from contimpact.simulation.settle import settle
 from contimpact.simulation.simulator import Simulator
-from contimpact.simulation.sweep import Sweep, sweep
+from contimpact.simulation.sweep import Row, Sweep, sweep
 from contimpact.systems.impact_pair import ImpactPair
 
 pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
@@ -139,6 +140,18 @@ def test_speeds_of_two_stable_stretches_of_one_branch_are_told_apart():
         known.append(float(np.interp(value, values[order], speeds[order])))
     assert [motion.speed(value, value) for motion in mine] == pytest.approx(known, rel=1e-12)
     assert known[1] < 0.8 * known[0]
+
+
+def test_a_simulated_attractor_counts_for_the_stretch_it_lies_on():
+    """Of the two orbits 2:2 of the soft stop, motions come to the slower one."""
+    diagram = ci.load_diagram(ROOT / "branches/soft_stop")
+    model = model_at(diagram["b3"], 22).replace(omega=0.70286)
+    (attractor,) = ci.find_attractors(model, 1)
+    sweep = Sweep(model, "omega", [Row("random", 0.70286, attractor)])
+    found = ci.attractor_ranges(diagram, sweep)
+    counts = {m.speed(0.70286, 0.70286): m.simulated for m in found.motions if m.branch == "b3"}
+    assert [counts[speed] for speed in sorted(counts)] == [1, 0]
+    assert np.abs(attractor.velocities).max() == pytest.approx(min(counts), rel=1e-3)
 
 
 def test_how_far_the_ends_are(fig7):
