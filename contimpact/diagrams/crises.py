@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -62,6 +62,8 @@ WIDER = 3.0
 WINDOW = 16
 """Steps of a sweep, from a widening on, in which the fold is looked for with which the window with
 narrow bands begins, beyond the sweep's values if need be."""
+FAILING = ArithmeticError, np.linalg.LinAlgError
+"""What ends the search at one change of motion; the others are looked at."""
 FINER = 1 / 256
 """Part of a step of a sweep to which an end is bisected before crises without a grazing are looked
 for."""
@@ -88,72 +90,114 @@ def find_crises(
         One for each pair of neighbouring values between which complex motion gives way to another
         one: the crisis between them that is met first; or else the event from which on the motion
         that takes over is stable, or why neither was found. Then one for each pair between which
-        complex motion gets fewer and wider bands.
+        complex motion gets fewer and wider bands. After an interruption by the keyboard, what was
+        found until then, and last that it was interrupted.
     """
+    found: list[Crisis | NoCrisis] = []
+    try:
+        collect_crises(sweep, diagram, found, impacts)
+    except KeyboardInterrupt:
+        if len(found) == 1:
+            raise
+    return found
+
+
+def collect_crises(
+    sweep: Sweep, diagram: Diagram, found: list[Crisis | NoCrisis], impacts: int = 40_000
+) -> None:
+    """Add crises to a list, as `find_crises`; an interruption adds that it was one, and passes."""
     kernels = Kernels(sweep.model, sweep.parameter)
-    ends = find_ends(sweep, diagram, kernels, impacts)
-    return [*ends, *_find_widenings(sweep, diagram, kernels, impacts)]
+    try:
+        for search in (find_ends, _find_widenings):
+            found.extend(search(sweep, diagram, kernels, impacts))
+    except KeyboardInterrupt:
+        found.append(NoCrisis(f"the search was interrupted after {len(found)} changes of motion"))
+        raise
 
 
 def find_ends(
     sweep: Sweep, diagram: Diagram, kernels: Kernels, impacts: int = 40_000
-) -> list[Crisis | NoCrisis]:
+) -> Iterator[Crisis | NoCrisis]:
     """Find what ends complex motion along a sweep."""
-    found: list[Crisis | NoCrisis] = []
     for before, after in neighbours(sweep):
         if before.attractor.kind is not Kind.COMPLEX or after.attractor.kind is Kind.COMPLEX:
-            continue
-        orbits = _unstable_on(diagram, sweep, before.value, kernels)
-        search = partial(approach_crisis, impacts=impacts, smooth=False)
-        crisis, tried = _first(orbits, before, after, search)
-        entry, beyond = (None, "") if crisis else _takeover(sweep, before, after)
-        if crisis is None and entry is None and after.attractor.kind is Kind.PERIODIC:
-            width = FINER * abs(after.value - before.value)
-            simulators = Simulators(sweep.model, sweep.parameter, kernels)
-            earlier, left, _, _ = locate(simulators, before, after, width, PATIENT)
-            for row in (left, earlier):
-                if crisis is None:
-                    orbits = _unstable_on(diagram, sweep, row.value, kernels, after.attractor)
-                    search = partial(locate_either, impacts=impacts)
-                    crisis, tried = _first(orbits, row, after, search)
-        if crisis:
-            found.append(crisis)
             continue
         end = (
             f"{before.attractor.notation} ends between {sweep.parameter} = {before.value:.9g} "
             f"and {after.value:.9g} ({before.direction})"
         )
-        if entry is None:
-            beyond += f"; no crisis was found of the unstable orbits there: {tried or 'none'}"
-        found.append(NoCrisis(end + beyond, entry))
-    return found
+        try:
+            yield _end_between(sweep, diagram, kernels, impacts, before, after, end)
+        except FAILING as error:
+            yield NoCrisis(f"{end}; the search failed ({type(error).__name__}: {error})")
+
+
+def _end_between(
+    sweep: Sweep,
+    diagram: Diagram,
+    kernels: Kernels,
+    impacts: int,
+    before: Row,
+    after: Row,
+    end: str,
+) -> Crisis | NoCrisis:
+    """What ends complex motion between two rows; `end` says so in words."""
+    orbits = _unstable_on(diagram, sweep, before.value, kernels)
+    search = partial(approach_crisis, impacts=impacts, smooth=False)
+    crisis, tried = _first(orbits, before, after, search)
+    entry, beyond = (None, "") if crisis else _takeover(sweep, before, after)
+    if crisis is None and entry is None and after.attractor.kind is Kind.PERIODIC:
+        width = FINER * abs(after.value - before.value)
+        simulators = Simulators(sweep.model, sweep.parameter, kernels)
+        earlier, left, _, _ = locate(simulators, before, after, width, PATIENT)
+        for row in (left, earlier):
+            if crisis is None:
+                orbits = _unstable_on(diagram, sweep, row.value, kernels, after.attractor)
+                search = partial(locate_either, impacts=impacts)
+                crisis, tried = _first(orbits, row, after, search)
+    if crisis:
+        return crisis
+    if entry is None:
+        beyond += f"; no crisis was found of the unstable orbits there: {tried or 'none'}"
+    return NoCrisis(end + beyond, entry)
 
 
 def _find_widenings(
     sweep: Sweep, diagram: Diagram, kernels: Kernels, impacts: int
-) -> list[Crisis | NoCrisis]:
+) -> Iterator[Crisis | NoCrisis]:
     """Find the crises at which the bands of complex motion become fewer and wider."""
-    found: list[Crisis | NoCrisis] = []
     for way in sweep.directions:
         for pair in pairwise(sweep.of(way)):
             given = [(*_bands(row.attractor), row) for row in pair]
             (laps, width, before), (fewer, wider, after) = sorted(given, key=lambda g: -g[0])
             if not (fewer and laps > fewer and laps != 2 * fewer and wider > WIDER * width):
                 continue
-            orbits = _unstable_on(diagram, sweep, before.value, kernels)
-            if (window := _window(sweep, before, after, laps, kernels)) is not None:
-                around = Diagram(window.id, [window])
-                known = [orbit for orbit, _ in orbits]
-                for orbit, _ in _unstable_on(around, sweep, before.value, kernels):
-                    if not any(are_same_orbit(orbit, other) for other in known):
-                        orbits.append((orbit, None))
-            search = partial(locate_either, impacts=impacts)
-            crisis, tried = _first(orbits, before, after, search)
             place = f"{sweep.parameter} = {before.value:.9g} and {after.value:.9g}"
-            reason = f"{before.attractor.notation} widens between {place}, from bands met after "
-            reason += f"{laps} impacts to such met after {fewer}; no crisis was found of the "
-            found.append(crisis or NoCrisis(f"{reason}unstable orbits there: {tried or 'none'}"))
-    return found
+            widens = f"{before.attractor.notation} widens between {place}, from bands met after "
+            widens += f"{laps} impacts to such met after {fewer}"
+            try:
+                orbits = _unstable_around(sweep, diagram, before, after, laps, kernels)
+                search = partial(locate_either, impacts=impacts)
+                crisis, tried = _first(orbits, before, after, search)
+            except FAILING as error:
+                yield NoCrisis(f"{widens}; the search failed ({type(error).__name__}: {error})")
+                continue
+            none = f"no crisis was found of the unstable orbits there: {tried or 'none'}"
+            yield crisis or NoCrisis(f"{widens}; {none}")
+
+
+def _unstable_around(
+    sweep: Sweep, diagram: Diagram, before: Row, after: Row, laps: int, kernels: Kernels
+) -> Unstable:
+    """The unstable orbits on branches and of the window in which bands widen."""
+    orbits = _unstable_on(diagram, sweep, before.value, kernels)
+    if (window := _window(sweep, before, after, laps, kernels)) is not None:
+        around = Diagram(window.id, [window])
+        known = [orbit for orbit, _ in orbits]
+        for orbit, _ in _unstable_on(around, sweep, before.value, kernels):
+            if not any(are_same_orbit(orbit, other) for other in known):
+                orbits.append((orbit, None))
+    return orbits
 
 
 def _bands(attractor: Attractor) -> tuple[int, float]:
@@ -318,9 +362,11 @@ def crises_text(found: Sequence[Crisis | NoCrisis], parameter: str) -> str:
 # Crises as entries of a diagram.
 
 
-def locate_in_scene(scene: Scene, diagram: Diagram, progress: Asked = False) -> Diagram:
-    """Return a scene's diagram with its crises, from sweeps as [simulate] has them, or else both
-    ways along the whole range."""
+def locate_in_scene(
+    scene: Scene, diagram: Diagram, located: list[Crisis | NoCrisis], progress: Asked = False
+) -> None:
+    """Add the crises of a scene's diagram to a list, from sweeps as [simulate] has them, or else
+    both ways along the whole range; those before an interruption are there."""
     options = scene.simulate or SimulateOptions(scene.range, direction="both")
     given, rows = (scene.model, scene.parameter), list[Row]()
     about: dict[str, Any] = {"settling": options.settling, "rng": options.seed}
@@ -330,7 +376,7 @@ def locate_in_scene(scene: Scene, diagram: Diagram, progress: Asked = False) -> 
         if found.interrupted:
             raise KeyboardInterrupt
         rows += found.rows
-    return add_crises(diagram, find_crises(Sweep(*given, rows), diagram))
+    collect_crises(Sweep(*given, rows), diagram, located)
 
 
 def add_crises(diagram: Diagram, found: Sequence[Crisis | NoCrisis]) -> Diagram:

@@ -160,13 +160,15 @@ def follow(scene: Scene | str | Path | Mapping[str, Any], progress: Asked = None
         explorer = _Explorer(scene, tell)
         diagram = explorer.run()
         if scene.crises and not diagram.statistics["failure"]:
-            from .crises import locate_in_scene
+            from .crises import add_crises, locate_in_scene
 
+            crises: list[Any] = []
             try:
-                diagram = locate_in_scene(scene, diagram, tell)
+                locate_in_scene(scene, diagram, crises, tell)
             except ENDING as error:
                 cut_short = {**diagram.statistics, "failure": failure_of(error)}
                 diagram = replace(diagram, statistics=cut_short)
+            diagram = add_crises(diagram, crises)
         if scene.curves is not None and not diagram.statistics["failure"]:
             from .map_explorer import add_map
 

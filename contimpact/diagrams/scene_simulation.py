@@ -252,11 +252,14 @@ class _Director:
 
     def crises(self) -> None:
         if self.options.crises and self.result.diagram is not None:
-            from .crises import add_crises, find_crises
+            from .crises import add_crises, collect_crises
 
             self.progress("locating crises")
-            self.result.crises = find_crises(self.result.sweep, self.result.diagram)
-            self.result.diagram = add_crises(self.result.diagram, self.result.crises)
+            found, diagram = self.result.crises, self.result.diagram
+            try:
+                collect_crises(self.result.sweep, diagram, found)
+            finally:
+                self.result.diagram = add_crises(diagram, found)
 
     def transitions(self) -> None:
         sweep, diagram = self.result.sweep, self.result.diagram

@@ -12,6 +12,7 @@ from contimpact import continue_born, continue_orbit, find_orbits, follow, follo
 from contimpact.continuation.branch import EndKind
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams import explore
+from contimpact.diagrams.crisis_location import NoCrisis
 from contimpact.diagrams.orbit_branch import Run
 from contimpact.results.diagram_reading import read
 
@@ -277,3 +278,15 @@ def test_a_failure_in_the_search_for_crises_keeps_the_branches(monkeypatch):
     part = follow(read_scene({**SCENE, "detect": detect}))
     assert "0/0" in part.statistics["failure"]
     assert part.branches
+
+
+def test_crises_before_an_interruption_are_in_the_diagram(monkeypatch):
+    def interrupted(sweep, diagram, found, *given):
+        found.append(NoCrisis("the first"))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("contimpact.diagrams.crises.collect_crises", interrupted)
+    detect = {**SCENE["detect"], "crises": True}
+    part = follow(read_scene({**SCENE, "detect": detect}))
+    assert part.statistics["failure"] == "interrupted"
+    assert "no crisis: the first" in part.statistics["notes"]

@@ -17,6 +17,7 @@ from exact_flights import pair_flight
 from zoo import TWO_MASSES, scene
 
 from contimpact.bifurcations.crisis import error_of, solve
+from contimpact.diagrams import crises
 from contimpact.diagrams.connection_paths import entries_of, last_laps, passage_of, sides_of
 from contimpact.diagrams.crises import (
     add_crises,
@@ -47,7 +48,7 @@ from contimpact.results.options import Settling
 from contimpact.simulation.attractor import Kind
 from contimpact.simulation.settle import settle
 from contimpact.simulation.simulator import Simulator
-from contimpact.simulation.sweep import Simulators, attractor_numbers, same_attractor, sweep
+from contimpact.simulation.sweep import Simulators, Sweep, attractor_numbers, same_attractor, sweep
 from contimpact.simulation.transitions import explain_transition, transitions_between
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.soft_stop import SoftStop
@@ -302,6 +303,31 @@ def test_a_crisis_of_an_orbit_on_no_branch_is_in_the_notes(swept):
     assert abs(found.value - FIG7) <= found.error
     (note,) = add_crises(Diagram("none", []), [found]).statistics["notes"]
     assert note.endswith("of an orbit on no branch")
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), np.linalg.LinAlgError("Singular matrix")])
+def test_crises_found_before_the_search_ends_are_kept(monkeypatch, error):
+    """Of three ends the search for the second is interrupted, or fails."""
+    model = ImpactPair(beta=math.pi / 3, r=0.3, A=5.0, s=0.42)
+    rows = sweep(model, "s", [0.42, 0.415]).rows
+    again = [[replace(row, direction=way) for row in rows] for way in ("up", "down", "random")]
+    searched = []
+
+    def search(*given):
+        searched.append(given)
+        if len(searched) == 2:
+            raise error
+        return NoCrisis(f"end {len(searched)}")
+
+    monkeypatch.setattr(crises, "_end_between", search)
+    monkeypatch.setattr(crises, "neighbours", lambda sweep: again)
+    reasons = [one.reason for one in find_crises(Sweep(model, "s", rows), Diagram("none", []))]
+    assert reasons[0] == "end 1"
+    if isinstance(error, KeyboardInterrupt):
+        assert reasons[1:] == ["the search was interrupted after 1 changes of motion"]
+    else:
+        assert reasons[1].endswith("(down); the search failed (LinAlgError: Singular matrix)")
+        assert reasons[2] == "end 3"
 
 
 def test_an_end_without_a_crisis_is_reported():
