@@ -111,7 +111,8 @@ def collect_crises(
         for search in (find_ends, _find_widenings):
             found.extend(search(sweep, diagram, kernels, impacts))
     except KeyboardInterrupt:
-        found.append(NoCrisis(f"the search was interrupted after {len(found)} changes of motion"))
+        text = f"the search was interrupted; changes of motion looked at: {len(found)}"
+        found.append(NoCrisis(text))
         raise
 
 

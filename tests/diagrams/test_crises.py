@@ -324,7 +324,7 @@ def test_crises_found_before_the_search_ends_are_kept(monkeypatch, error):
     reasons = [one.reason for one in find_crises(Sweep(model, "s", rows), Diagram("none", []))]
     assert reasons[0] == "end 1"
     if isinstance(error, KeyboardInterrupt):
-        assert reasons[1:] == ["the search was interrupted after 1 changes of motion"]
+        assert reasons[1:] == ["the search was interrupted; changes of motion looked at: 1"]
     else:
         assert reasons[1].endswith("(down); the search failed (LinAlgError: Singular matrix)")
         assert reasons[2] == "end 3"
