@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import json
+import math
 import platform
 import signal
 import tempfile
@@ -33,13 +34,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import __version__
-from ..diagrams.explore import follow
+from ..diagrams.explore import INTERRUPTED, follow
 from ..errors import InputError, explain_arguments
 from ..progress import Progress, ignore_progress
 from ..results.branch import Branch, Entry
 from ..results.diagram import Diagram
 from ..results.diagram_reading import Interval, Reading, read
-from ..results.scene import Scene, read_scene
+from ..results.scene import read_scene
 from ..segments.compiling import expect_plain_time
 from .executors import UNKNOWN, Workshop, processes, refuse_to_start_again
 from .store import Outcome, Store, compress_text, row_of
@@ -59,42 +60,50 @@ AGAIN = 1.0
 """Seconds after which the timer rings again: what it raises is lost within callbacks of C."""
 
 
-class BudgetError(BaseException):
-    """A scene has used up its budget; nothing on the way takes it for a numerical error."""
+class BudgetError(KeyboardInterrupt):
+    """A scene has used up its budget. What is interrupted keeps what it has, as by the keyboard."""
+
+
+class TimeLimit:
+    """A budget of time, as a function of progress that interrupts once it is used up."""
+
+    def __init__(self, seconds: float = math.inf) -> None:
+        self.next = time.monotonic() + seconds
+        self.spent = False
+
+    def __call__(self, text: str) -> None:
+        if time.monotonic() > self.next:
+            self.ring()
+
+    def ring(self, *signalled: Any) -> None:
+        """Interrupt, and again after a while where that was not heard."""
+        self.next, self.spent = time.monotonic() + AGAIN, True
+        raise BudgetError
 
 
 @contextlib.contextmanager
-def limit_time(seconds: float | None, fatal: bool = False) -> Iterator[Progress]:
+def limit_time(seconds: float | None, fatal: bool = False) -> Iterator[TimeLimit]:
     """End what is done within the block by BudgetError when it takes too long; None for no limit.
 
-    In a process's main thread a timer interrupts Python wherever it is. Elsewhere the function that
+    In a process's main thread a timer interrupts Python wherever it is. Elsewhere the limit that
     is yielded looks at the clock whenever progress is told to it. Where it is `fatal`, the process
     is ended if it does not return to Python even then.
     """
     if seconds is None:
-        yield ignore_progress
+        yield TimeLimit()
         return
-    deadline = time.monotonic() + seconds
-
-    def tell(text: str) -> None:
-        if time.monotonic() > deadline:
-            raise BudgetError
-
-    with _watch_time(LATE * seconds + GRACE if fatal else None), _alarm(seconds):
-        yield tell
+    limit = TimeLimit(seconds)
+    with _watch_time(LATE * seconds + GRACE if fatal else None), _alarm(seconds, limit):
+        yield limit
 
 
 @contextlib.contextmanager
-def _alarm(seconds: float) -> Iterator[None]:
+def _alarm(seconds: float, limit: TimeLimit) -> Iterator[None]:
     main = threading.current_thread() is threading.main_thread()
     if not (main and hasattr(signal, "setitimer")):
         yield
         return
-
-    def ring(*signalled: Any) -> None:
-        raise BudgetError
-
-    before = signal.signal(signal.SIGALRM, ring)
+    before = signal.signal(signal.SIGALRM, limit.ring)
     try:
         signal.setitimer(signal.ITIMER_REAL, seconds, AGAIN)
         yield
@@ -148,40 +157,67 @@ def compute(task: Task) -> Outcome:
     def failed(kind: str, reason: str) -> Outcome:
         return ended("failed", {"failures": [{"kind": kind, "reason": reason}]})
 
+    found, limit = _Found(), TimeLimit()
     try:
-        with limit_time(task.budget, task.fatal) as tell:
-            return _compute_scene(task, tell, ended)
-    except BudgetError:
-        return failed("budget", f"not finished within its {task.budget:g} s")
+        try:
+            with limit_time(task.budget, task.fatal) as limit:
+                _compute_scene(task, limit, found)
+        except KeyboardInterrupt:
+            if not limit.spent:
+                raise
+        late = f"not finished within its {task.budget or math.inf:g} s"
+        if found.diagram is None:
+            return failed("budget", late)
+        rows, reason = found.rows(task), found.failure
+        if reason == INTERRUPTED and not limit.spent:
+            raise KeyboardInterrupt
+        if reason == INTERRUPTED:
+            rows["failures"] = [{"kind": "budget", "reason": late}]
+        elif reason:
+            rows["failures"] = [{"kind": "numerical", "reason": reason}]
+        counts = found.diagram.statistics["counts"]
+        return ended(
+            "incomplete" if reason else "done",
+            rows,
+            points=counts["points"],
+            evaluations=counts["kernel_evaluations"],
+        )
     except InputError as error:
         return failed("refused", str(error))
     except Exception as error:
         return failed("error", f"{type(error).__name__}: {error}")
 
 
-def _compute_scene(task: Task, tell: Any, ended: Any) -> Outcome:
+@dataclass
+class _Found:
+    """What is computed of a scene, as far as it has come."""
+
+    diagram: Diagram | None = None
+    simulation: Simulation | None = None
+    failure: str = INTERRUPTED
+    """Why something is missing, if it is."""
+
+    def rows(self, task: Task) -> Rows:
+        """The rows of what there is."""
+        assert self.diagram is not None
+        rows = diagram_rows(self.diagram, task.keep, task.derived)
+        if self.simulation is not None:
+            membrane = read_scene(task.scene).energy
+            rows |= simulation_rows(self.simulation, task.keep, membrane)
+        return rows
+
+
+def _compute_scene(task: Task, limit: TimeLimit, found: _Found) -> None:
     scene = read_scene(task.scene)
-    diagram = follow(scene, tell)
-    rows = diagram_rows(diagram, task.keep, task.derived)
-    if {"attractors", "energies"} & {*task.keep}:
-        rows |= _simulate_scene(scene, task, tell)
-    if reason := diagram.statistics["failure"]:
-        rows["failures"] = [{"kind": "numerical", "reason": reason}]
-    counts = diagram.statistics["counts"]
-    return ended(
-        "incomplete" if reason else "done",
-        rows,
-        points=counts["points"],
-        evaluations=counts["kernel_evaluations"],
-    )
+    found.diagram = follow(scene, limit)
+    failure = found.diagram.statistics["failure"] or ""
+    if {"attractors", "energies"} & {*task.keep} and failure != INTERRUPTED:
+        from ..diagrams.scene_simulation import simulate
 
-
-def _simulate_scene(scene: Scene, task: Task, tell: Any) -> Rows:
-    from ..diagrams.scene_simulation import simulate
-
-    with tempfile.TemporaryDirectory() as folder:
-        simulation = simulate(scene, Path(folder), progress=tell)
-    return simulation_rows(simulation, task.keep, scene.energy)
+        with tempfile.TemporaryDirectory() as folder:
+            found.simulation = simulate(scene, Path(folder), progress=limit)
+        failure = INTERRUPTED if found.simulation.interrupted else failure
+    found.failure = failure
 
 
 @functools.cache

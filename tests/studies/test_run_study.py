@@ -228,6 +228,34 @@ def test_a_scene_that_hangs_is_ended_by_a_timer(monkeypatch):
     assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
 
 
+@pytest.mark.skipif(os.name != "posix", reason="a POSIX timer")
+@pytest.mark.parametrize("stage", ["following b2", "sweep"])
+def test_what_a_scene_has_when_its_budget_ends_is_kept(monkeypatch, stage):
+    """The budget ends while the second branch is followed, or the simulation runs."""
+    given = task(600)
+    whole = compute(given)
+    assert (whole.status, "failures" in whole.rows) == ("done", False)
+
+    def late(limit, text):
+        if stage in text:
+            limit.ring()
+
+    monkeypatch.setattr(run.TimeLimit, "__call__", late)
+    if stage == "sweep":
+        table = {"range": [0.34, 0.35], "values": 3}
+        scene = {**given.scene, "simulate": table}
+        given = dataclasses.replace(given, scene=scene, keep=(*given.keep, "attractors"))
+    outcome = compute(given)
+    assert outcome.status == "incomplete"
+    assert outcome.rows["failures"] == [
+        {"kind": "budget", "reason": "not finished within its 600 s"}
+    ]
+    names = [row["branch"] for row in outcome.rows["branches"]]
+    known = [row["branch"] for row in whole.rows["branches"]]
+    assert names == (known if stage == "sweep" else known[: len(names)]) != []
+    assert ("attractors" in outcome.rows) == (stage == "sweep")
+
+
 def swallowing(scene, tell):
     """Loses what the timer raises, as callbacks of C do."""
     with contextlib.suppress(BudgetError):
