@@ -184,8 +184,8 @@ class Fit(NotebookResult):
 
         By chi2 where deviations were given. Otherwise by the test for lack of fit: means of the
         residuals of repeated impacts are compared with their scatter, which does not see that a
-        word lacks impacts; `notes` do. None where neither can be said, or where there is a
-        `reason`.
+        word lacks impacts; `notes` do. None where neither can be said, as of exact data, or where
+        there is a `reason`.
         """
         from scipy.stats import chi2, f
 
@@ -195,10 +195,14 @@ class Fit(NotebookResult):
             return float(chi2.sf(self.chi2, self.freedom))
         lack = scatter = 0.0
         count = groups = 0
+        period = self.orbit.period / self.orbit.word.period
+        scales = period, float(np.max(np.abs(self.orbit.velocities)))
         for i, kind in enumerate(MEASURED):
+            if self.deviations.get(kind, 0.0) <= ROUNDED * scales[i]:
+                continue  # exact data: what is left is rounding
             for k in sorted(set(self.impacts.tolist())):
                 off = self.residuals[self.impacts == k, i]
-                off = off[~np.isnan(off)] / self.deviations.get(kind, 1.0)
+                off = off[~np.isnan(off)] / self.deviations[kind]
                 if len(off):
                     count, groups = count + len(off), groups + 1
                     lack += len(off) * float(np.mean(off)) ** 2
@@ -495,10 +499,12 @@ class _Task:
         return np.asarray(np.sum(shares, axis=0))
 
     def sizes(self, point: _Point) -> Array:
-        """Natural sizes of the estimates."""
-        sizes = np.array([abs(v) or 1.0 for v in point.values])
+        """Natural sizes of the estimates, those they start from if these are larger."""
+        begin = self.model.values
+        known = zip(self.kernels, point.values, strict=False)
+        sizes = np.array([max(abs(v), abs(begin[name])) or 1.0 for name, v in known])
         if self.names[-1] == CLOCK:
-            sizes[-1] = point.orbit.period
+            sizes = np.append(sizes, point.orbit.period)
         return sizes
 
 
@@ -539,7 +545,7 @@ def _best(task: _Task, orbit: Orbit, deviations: Mapping[str, float] | None) -> 
 def _with_other_clocks(found: Sequence[Fit]) -> Fit:
     """The first of an orbit's fits; a note names clocks at which others are about as likely."""
     best = found[0]
-    if CLOCK not in best.values:
+    if CLOCK not in best.values or best.reason is not None:
         return best
     texts = [
         f"{one.values[CLOCK]:.9g} (misfit larger by {max(one.misfit - best.misfit, 0.0):.3g})"
@@ -689,7 +695,8 @@ def _curvature(task: _Task, point: _Point, axes: Array, given: bool, freedom: in
 
 def _combination(names: Sequence[str], row: Array) -> str:
     """A direction of the estimates that changes no measured number, in words."""
-    large = [(n, v) for n, v in zip(names, row.tolist(), strict=True) if abs(v) > 1e-6]
+    least = 1e-6 * min(1.0, float(np.max(np.abs(row))))
+    large = [(n, v) for n, v in zip(names, row.tolist(), strict=True) if abs(v) > least]
     if len(large) == 1:
         return large[0][0]
     return f"{' and '.join(n for n, _ in large)} apart (they move together as " + (

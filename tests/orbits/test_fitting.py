@@ -79,6 +79,24 @@ def test_a_clock_that_times_do_not_determine_is_said():
     assert not any("clock" in note for note in ci.fit(off, orbit, data, ["r"]).notes)
 
 
+def test_exact_data_have_no_p_value(two_one):
+    """Their scatter is rounding: p was 6e-192."""
+    data = {"time": np.tile(two_one.times, 3), "velocity": np.tile(two_one.velocities, 3)}
+    found = ci.fit(PAIR, two_one, data, ["r"], clock=False)
+    assert found.values["r"] == pytest.approx(0.3, abs=1e-12)
+    assert found.p_value is None
+
+
+def test_an_estimate_of_nearly_zero_is_determined():
+    """Velocities after impact, as if before it, lead to r = 0: it was called undetermined."""
+    orbit = orbit_of("2:1")
+    times = np.concatenate([orbit.times + 2.0 * lap for lap in range(6)])
+    data = {"time": times, "velocity": np.tile(-0.3 * orbit.velocities, 6)}
+    found = ci.fit(PAIR, "2:1", data, ["r"])
+    assert abs(found.values["r"]) < 1e-6
+    assert "do not determine" not in (found.reason or "")
+
+
 def test_a_wall_missing_from_a_table_is_nan(two_one):
     data = measured(two_one, laps=1)
     data["wall"][1] = math.nan
