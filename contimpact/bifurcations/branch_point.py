@@ -39,6 +39,8 @@ from .kind import (
     GrazingCoincides,
     Kind,
     Look,
+    MultiplierCoincides,
+    PairCoincides,
     Start,
     StopCoincides,
     System,
@@ -110,7 +112,8 @@ class BP(Kind):
         return EndKind.UNFOLDED if abs(own[0]) > UNFOLDED else None
 
     def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
-        return [GrazingCoincides(self.name), StopCoincides(self.name)]
+        also = MultiplierCoincides(self, "PD"), PairCoincides(self)
+        return [GrazingCoincides(self.name), StopCoincides(self.name), *also]
 
 
 def directions_at(here: Linearisation) -> list[Array] | None:

@@ -173,7 +173,7 @@ class PD(Kind):
 
     def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
         double = Resonance("R2", -1.0), SecondEigenvector("PD-PD", -1.0)
-        also = MultiplierCoincides(self, 1.0), PairCoincides(self)
+        also = MultiplierCoincides(self, "FB"), PairCoincides(self)
         first = DoublingGrazes(self.name), StopCoincides(self.name), DoublingTurns()
         return [*first, *double, *also]
 

@@ -86,6 +86,6 @@ class FB(Kind):
 
     def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
         double = Resonance("R1", 1.0), SecondEigenvector("FB-BP", 1.0)
-        also = MultiplierCoincides(self, -1.0), PairCoincides(self)
+        also = MultiplierCoincides(self, "PD"), PairCoincides(self)
         first = GrazingCoincides(self.name), StopCoincides(self.name), Cusp()
         return [*first, *double, *also]

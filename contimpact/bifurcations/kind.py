@@ -706,19 +706,29 @@ class Coincides(CurveTest):
 
 
 class MultiplierCoincides(Coincides):
-    """Another multiplier is 1 or -1; with two there is no other one, as their product is
+    """Another multiplier is that of a kind; with two there is no other one, as their product is
     positive."""
-
-    def __init__(self, kind: Kind, mu: float) -> None:
-        super().__init__(kind, "FB" if mu > 0.0 else "PD")
-        self.mu = mu
 
     def of(self, here: CurvePoint) -> ArrayLike:
         others = self.others(here)
         others = others[np.isfinite(others)]
         if here.orbit.problem.m <= 2:
             return []
-        return float(np.prod((1.0 - self.mu * others) / (1.0 + np.abs(others))).real)
+        mu = kind_of(self.event).multiplier or 0.0
+        return float(np.prod((1.0 - mu * others) / (1.0 + np.abs(others))).real)
+
+    def accept(self, event: Event[CurvePoint]) -> bool:
+        """Of two kinds with one multiplier, that one at which branches cross, or do not."""
+        orbit, kind = event.point.evaluation.orbit, kind_of(self.event)
+        if kind.multiplier != 1.0:
+            return True
+        psi = orbit.singular_vectors(orbit.cyclic(1.0)[:, : orbit.problem.n])[0][-1]
+        moved, most = np.abs(psi @ orbit.by_parameter), np.abs(psi) @ np.abs(orbit.by_parameter)
+        return bool(np.all(moved < CROSSING * most)) == kind.crossing
+
+
+CROSSING = 1e-6
+"""Part of the size of what parameters change below which it is rounding."""
 
 
 class PairCoincides(Coincides):

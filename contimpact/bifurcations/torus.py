@@ -196,6 +196,6 @@ class NS(Kind):
 
     def codimension_two(self, word: Word) -> list[TestFunction]:
         grazes, stops = GrazingCoincides(self.name), StopCoincides(self.name)
-        also = [MultiplierCoincides(self, 1.0), MultiplierCoincides(self, -1.0)]
+        also = [MultiplierCoincides(self, kind) for kind in ("FB", "BP", "PD")]
         resonances = [StrongResonance(3), StrongResonance(4)]
         return [grazes, stops, *resonances, *also, PairCoincides(self)]

@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from contimpact.bifurcations.kind import double_orbit
+from contimpact.bifurcations.kind import MultiplierCoincides, double_orbit, kind_of
 from contimpact.diagrams.curves import follow_curve
 from contimpact.diagrams.map_explorer import entries_born, follow_codim2, model_at_point, orbit_at
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits
 from contimpact.results.branch import orbit_of
+from contimpact.results.catalogue import load_diagram
 from contimpact.results.options import CURVE_SETTINGS
+from contimpact.results.scene import load_scene
 from contimpact.segments.kernels import Kernels
 from contimpact.systems.impact_damper import ImpactDamper
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.two_masses import TwoMasses
 
+ROOT = Path(__file__).parents[2]
 RANGES = ((0.8, 40.0), (0.05, 0.9))
 KINDS = ("FB", "PD", "NS", "G")
 MODEL = ImpactPair(beta=math.pi / 3, r=0.7, A=3.0, s=0.5)
@@ -242,3 +247,16 @@ def test_a_fold_flip_is_followed_in_a_third_parameter(masses):
     for mu in (1.0, -1.0):
         assert np.min(abs(multipliers - mu), axis=0) == pytest.approx(0.0, abs=1e-8)
     assert other["omega"][[0, -1]] == pytest.approx(one["omega"][[0, -1]], abs=1e-9)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(("scene", "kind"), [("impact_damper", "BP"), ("coupled_by_impact", "FB")])
+def test_of_two_kinds_with_one_multiplier_branches_cross_at_one(scene, kind):
+    """A BP of symmetric orbits, and a fold."""
+    entry = next(e for e in load_diagram(ROOT / "branches" / scene).entries if e.kind == kind)
+    model = load_scene(ROOT / "branches" / scene / "scene.toml").model
+    second = next(name for name in model.values if name != entry.parameter)
+    here = orbit_of(entry, model, Kernels(model, entry.parameter, second)).linearisation
+    event = SimpleNamespace(point=SimpleNamespace(evaluation=SimpleNamespace(orbit=here)))
+    accepted = [k for k in ("FB", "BP") if MultiplierCoincides(kind_of("NS"), k).accept(event)]
+    assert accepted == [kind]
