@@ -131,7 +131,9 @@ def check_events(points, walk):
         after = min(max(int(np.searchsorted(places, place)), 1), len(places) - 1)
         left, right = points[after - 1], points[after]
         rates = left.tangent[-1], right.tangent[-1]
-        if rates[0] * rates[1] > 0.0 and min(map(abs, rates)) > UPRIGHT:  # no fold between them
+        folds = [there for fold, there in zip(walk.events, own, strict=True) if fold.kind == "FB"]
+        folded = any(left.arclength <= there <= right.arclength for there in folds)
+        if rates[0] * rates[1] > 0.0 and min(map(abs, rates)) > UPRIGHT and not folded:
             low, high = sorted(values[after - 1 : after + 1])
             slack = event.error + 1e-9 * (high - low) + 1e-12 * abs(high)
             assert low - slack <= event.parameter <= high + slack
@@ -228,7 +230,8 @@ def check_product(branch):
     Next to a zero velocity one of them is so large that the other is lost in rounding, and so it
     is where r itself is as small as rounding. An orbit is one up to its residual, by which impact
     velocities are off, and the product by as large a part as that is of the smallest; where no
-    digit of that one is known, none of the product is.
+    digit of that one is known, none of the product is. A flight's determinant is as small as the
+    velocity it begins with, r times that before, and a difference of numbers as large as one.
     """
     restitution = {w: branch[f"r_{w}" if f"r_{w}" in branch.columns else "r"] for w in "BT"}
     if min(np.min(r) for r in restitution.values()) < ROUNDING:
@@ -240,4 +243,6 @@ def check_product(branch):
     slack = 1e-9 + 64.0 * np.finfo(float).eps * np.max(np.abs(multipliers), axis=1)
     slowest = np.min(np.abs(branch.velocities[known]), axis=1)
     slack += branch["residual"][known] / np.maximum(slowest, np.finfo(float).tiny)
+    least = np.min(list(restitution.values()), axis=0)[known] * slowest
+    slack += 16.0 * np.finfo(float).eps / np.maximum(least, np.finfo(float).tiny)
     assert np.all(np.abs(np.prod(multipliers, axis=1) - exact) <= slack * exact)

@@ -68,7 +68,8 @@ class ZeroDuration(ScalarTest):
         return lengths
 
     def measured(self, orbits: Orbits) -> Array:
-        return self.of(orbits) / np.abs(orbits.spans[:, None])
+        with np.errstate(invalid="ignore", divide="ignore"):  # an orbit of no period has none
+            return np.asarray(self.of(orbits) / np.abs(orbits.spans[:, None]))
 
     def lengths(self, orbits: Orbits) -> Array:
         """Return the durations of all flights."""
