@@ -671,7 +671,15 @@ def solve_near(
             z[:n] -= np.linalg.solve(here.jacobian[:, :n], here.residual)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         return None
-    return best if least < 1e-11 else None
+    if best is not None and not least < SOLVED:  # impacts that are slow beside the motion
+        least = float(np.max(np.abs(best.residual) / best.sizes[0]))
+        return best if least < ROUNDED else None
+    return best
+
+
+SOLVED, ROUNDED = 1e-11, 1e-14
+"""Residuals of an orbit, beside the velocities of its impacts, or beside the largest along its
+flights, of which they are the rounding."""
 
 
 def _add_new(

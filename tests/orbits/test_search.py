@@ -20,6 +20,7 @@ from contimpact.results.scene import read_scene
 from contimpact.segments.integrated_form import Split
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.segment import ARRAYS, STATES
+from contimpact.simulation.simulator import Simulator
 from contimpact.systems.duffing import Duffing
 from contimpact.systems.oscillator import Oscillator
 
@@ -678,3 +679,18 @@ def test_orbits_without_impacts_are_found_beside_each_other(values, count):
             :, -1
         ]
         assert min(np.max(np.abs(end - orbit.unknowns[:2])) for orbit in orbits) < 0.1
+
+
+def test_impacts_that_are_slow_beside_the_motion_are_those_of_orbits():
+    """A stop at the rest position of a body that is shaken fast: residuals are rounding beside the
+    speeds along the flights, not beside velocities of 3.5e-9. The next impact simulated is the same
+    as far as so unstable an orbit shows."""
+    model = Oscillator(a=1.0, omega=1e3, c=0.1, k=1.0, sigma=0.0, r=0.8)
+    found = find_orbits(model, "S", parameter="a", starts=8, rounds=1)
+    (orbit,) = (orbit for orbit in found if orbit.physical)
+    assert len(found) == 2
+    velocity = orbit.velocities[0]
+    assert 1e-9 < velocity < 1e-8
+    simulator = Simulator(model)
+    run = simulator.run(simulator.state("S", orbit.times[0], velocity), impacts=1)
+    assert run.velocities == pytest.approx([velocity], rel=1e-3)
