@@ -58,8 +58,17 @@ def variables_of(model: Model) -> list[str]:
     return [*state, TIME, *model.values, *model.DERIVED]
 
 
+def require_membranes(system: Model | type[Model] | None) -> None:
+    """Refuse a known system whose impacts hit no membranes of an energy harvester."""
+    if system is not None and not system.MEMBRANES:
+        found = f"the system {system.SYSTEM} has no membranes"
+        raise InputError("energy", found, "use the impact pair")
+
+
 def check_output(output: Output, model: Model, where: str) -> None:
     """Raise InputError if an output is no expression in the names of the model."""
+    if output.harvester is not None:
+        require_membranes(model)
     known = output.variables(model)
     taken = variables_of(model) if output.contacts else known
     if not set(output.contacts) <= set(model.letters):

@@ -17,11 +17,11 @@ from ..arrays import Array
 from ..bifurcations.kind import kind_of
 from ..errors import InputError, short_repr
 from ..models.model import Model
-from ..models.outputs import Output
+from ..models.outputs import Output, require_membranes
 from ..orbits.outputs import means_of
 from ..segments.kernels import Kernels
 from ..systems.membrane import Membrane, velocity_scale
-from .branch import Branch, model_at, orbit_at
+from .branch import Branch, find_imported_system, model_at, orbit_at
 from .scene import OUTPUT_ERROR
 
 # The vocabulary that pictures and the page share: how names are written, which colour a wall has.
@@ -129,6 +129,7 @@ def impact_voltages(
 def branch_voltages(membrane: Membrane, branch: Branch) -> dict[str, Array]:
     """Return the voltages along a branch, unphysical orbits included, with a value for each point:
     ``U1``, ``U2``, ... of each impact, ``U_I`` per impact, ``U_T`` per time."""
+    require_membranes(find_imported_system(branch.system))
     scale = np.asarray(velocity_scale(branch.columns))
     voltages = membrane.voltage(scale[:, None] * branch.velocities)
     columns = {f"U{k + 1}": voltages[:, k] for k in range(voltages.shape[1])}

@@ -10,6 +10,7 @@ import numpy as np
 from ..arrays import Array
 from ..errors import InputError, explain_arguments, short_repr
 from ..models.model import Model
+from ..models.outputs import require_membranes
 from ..orbits.orbit import Orbit
 from ..results.branch import Branch, Entry
 from ..results.quantities import Energy, branch_voltages, impact_voltages
@@ -61,11 +62,13 @@ def energy(
     if not isinstance(orbit, Orbit):
         accepted = "give an orbit, an entry, an attractor or a branch"
         raise InputError("of", f"found {short_repr(of)}", accepted)
+    require_membranes(orbit.model)
     return impact_voltages(membrane, orbit.parameters, orbit.velocities, orbit.linearisation.span)
 
 
 def attractor_voltages(membrane: Membrane, attractor: Attractor) -> Energy:
     """Return the voltages of an attractor, over its period or over the end of its run."""
+    require_membranes(attractor.model)
     if not attractor.times.size:
         return Energy(np.zeros(0), 0.0, 0.0)
     hits = ~attractor.released

@@ -86,27 +86,6 @@ def test_energy_along_a_branch(pair, kernels_of):
     assert columns["U2"][3] == pytest.approx(found.impacts[1])
 
 
-def test_voltages_per_time_use_the_period_of_the_system():
-    """That of a machine stated in a scene with the pair's names was taken for 2; it is 2 pi/2.8."""
-    machine = {
-        "system": "linear",
-        "coordinates": ["x"],
-        "period": "2*pi/omega",
-        "mass": ["M"],
-        "damping": ["0.1"],
-        "stiffness": [1],
-        "force": ["A*cos(omega*t)"],
-        "guards": {"S": {"within": "x <= 0", "restitution": "r"}},
-        "parameters": {"A": 1.0, "omega": 2.8, "M": 1.0, "r": 0.8},
-    }
-    follow = {"parameter": "A", "range": [0.9, 1.1], "orbits": ["1"]}
-    given = {"name": "machine", "model": machine, "follow": follow}
-    branch = ci.follow(ci.read_scene(given)).branches[0]
-    columns = energy(branch)
-    assert columns["U_T"] == pytest.approx(columns["U_I"] * 2.8 / (2.0 * math.pi), rel=1e-12)
-    assert columns["U_T"][3] == pytest.approx(energy(branch.orbit(3)).per_time, rel=1e-12)
-
-
 def motion(kind, released, period=1):
     n = len(released)
     sticks = released[-1:] == [True]
@@ -195,6 +174,35 @@ def test_a_pair_whose_contacts_last_has_no_voltages():
     branch = continue_orbit(orbit, "s", range=(0.449, 0.451), events=[])
     attractor = settle(Simulator(soft))
     assert attractor.notation == "BbTt"
+    for of in (orbit, branch, attractor):
+        with pytest.raises(InputError, match="use the impact pair"):
+            energy(of)
+    with pytest.raises(InputError, match="use the impact pair"):
+        orbit.mean("U", per_time=True, harvester=Membrane())
+
+
+def test_parameters_of_the_same_names_make_no_membranes():
+    """The scale A pi/(M omega) is that of the impact pair's equations; others have units of their
+    own, and voltages were given with it."""
+    given = {"A": 1.0, "M": 1.0, "omega": 2.8, "c": 0.1, "k": 1.0, "sigma": 0.0, "r": 0.8}
+    stated = {
+        "coordinates": ["x"],
+        "mass": ["M"],
+        "damping": ["c"],
+        "stiffness": ["k"],
+        "force": ["A*cos(omega*t)"],
+        "period": "2*pi/omega",
+        "guards": {"S": {"within": "x <= sigma", "restitution": "r"}},
+    }
+    scene = {
+        "name": "stop",
+        "model": {"system": "linear", **stated, "parameters": given},
+        "follow": {"parameter": "A", "range": [0.99, 1.01], "orbits": ["S"]},
+    }
+    model = ci.read_scene(scene).model
+    orbit = find_orbits(model, "S", rng=0)[0]
+    branch = continue_orbit(orbit, "A", range=(0.99, 1.01), events=[])
+    attractor = settle(Simulator(model))
     for of in (orbit, branch, attractor):
         with pytest.raises(InputError, match="use the impact pair"):
             energy(of)
