@@ -15,7 +15,7 @@ import numpy as np
 
 from .. import __version__
 from ..arrays import Array
-from ..bifurcations.kind import kind_of
+from ..bifurcations.kind import OTHER_NAMES, kind_of
 from ..errors import printable
 from ..models.guards import Guard, orders_of
 from ..models.model import Model
@@ -713,7 +713,11 @@ def _curve(curve: Curve) -> dict[str, Any]:
         "ends": [end.message for end in curve.ends],
         "missed": list(curve.missed),
         "points": [
-            {"kind": p.kind, "changes": p.changes, "parameters": dict(p.parameters)}
+            {
+                "kind": OTHER_NAMES.get(p.kind, p.kind),
+                "changes": p.changes,
+                "parameters": dict(p.parameters),
+            }
             for p in curve.points
         ],
     }

@@ -351,3 +351,13 @@ def test_a_sweep_alone_has_its_own_parameters(small_scene, tmp_path):
     assert (data["parameter"], data["varying"]) == ("s", ["s", "d"])
     assert data["fixed"]["beta"] == small_scene.model["beta"]
     assert not {"s", "d", "gbar"} & set(data["fixed"])
+
+
+def test_a_point_of_two_curves_has_one_name():
+    """It was PD-G in one row of the table and G-PD in another, or both in one."""
+    diagram = load_diagram(ROOT / "branches" / "fig6a")
+    page = page_data(diagram, None, PageView("d", source="a test"))
+    for curve, shown in zip(diagram.curves, page["curves"], strict=True):
+        kinds = [{"G-PD": "PD-G"}.get(point.kind, point.kind) for point in curve.points]
+        assert [point["kind"] for point in shown["points"]] == kinds
+    assert {point.kind for curve in diagram.curves for point in curve.points} >= {"PD-G", "G-PD"}
