@@ -51,6 +51,8 @@ ROUNDED = 1e-12
 """Least deviation of exact data, in parts of period and largest velocity."""
 LIKELY = 9.2
 """By how much larger the misfit of a fit is at most that is not refuted: e^4.6 is a hundred."""
+SELDOM = 1e-3
+"""Part of fits in which chance may name a number that is not wrong."""
 AMBIGUOUS = 3.0
 """Deviations by which an impact has to be nearer to a row than the next one."""
 
@@ -490,13 +492,13 @@ class _Task:
         return moved, (rows / self.sigmas[:, None])[self.present]
 
     def leverages(self, point: _Point) -> Array:
-        """How many of the estimates times and velocities determine, by which their residuals are
-        smaller than errors."""
+        """The part of each number that the estimates follow, by which its residual is smaller than
+        its error; their sum over times, or velocities, is how many estimates these determine."""
         matrix = self.slopes(point)[1] * self.sizes(point)
         u, s, _ = np.linalg.svd(matrix, full_matrices=False)
         shares = np.zeros(self.present.shape)
         shares[self.present] = np.sum(u[:, s > SINGULAR * s[0]] ** 2, axis=1)
-        return np.asarray(np.sum(shares, axis=0))
+        return shares
 
     def sizes(self, point: _Point) -> Array:
         """Natural sizes of the estimates, those they start from if these are larger."""
@@ -533,7 +535,7 @@ def _best(task: _Task, orbit: Orbit, deviations: Mapping[str, float] | None) -> 
         if deviations is None and enough:
             for _ in range(REWEIGHTED):
                 squares = np.nansum(reached.residuals**2, axis=0)
-                squares /= np.maximum(counts - task.leverages(reached), 1)
+                squares /= np.maximum(counts - task.leverages(reached).sum(axis=0), 1)
                 before, task.sigmas = task.sigmas, np.maximum(np.sqrt(squares), ROUNDED * scales)
                 reached, reason = _descend(task, task.compare(reached.values, reached.orbit))
                 if np.max(np.abs(task.sigmas / before - 1.0)) < 1e-6:
@@ -648,6 +650,7 @@ def _fit(task: _Task, point: _Point, reason: str | None, given: bool) -> Fit:
             covariance *= point.cost / freedom if freedom else math.nan
         if reason is None:
             notes += _curvature(task, point, vt.T / s * sizes[:, None], given, freedom)
+            notes += _outliers(task, point, given)
     if not given and not freedom:
         notes.append("as many estimates as data: no deviations")
     named = list(task.word.walls)
@@ -691,6 +694,38 @@ def _curvature(task: _Task, point: _Point, axes: Array, given: bool, freedom: in
             if not 0.5 < (new.cost - point.cost) / unit < 2.0:
                 return ["within the errors the orbit bends, or rows change impacts: they are rough"]
     return []
+
+
+def _outliers(task: _Task, point: _Point, given: bool) -> list[str]:
+    """Notes that name the time and the velocity farthest off, where chance seldom puts one so far.
+
+    A studentised residual, in deviations that all others of its kind have, follows Student's
+    distribution (Cook and Weisberg, Residuals and Influence in Regression, 1982, section 2.2.2),
+    and the normal one where deviations are given.
+    """
+    from scipy.stats import norm, t
+
+    shares, notes, count = task.leverages(point), list[str](), int(np.sum(task.present))
+    scales = point.orbit.period, float(np.max(np.abs(point.orbit.velocities)))
+    for i, kind in enumerate(MEASURED):
+        rows = np.flatnonzero(task.present[:, i])
+        room = 1.0 - shares[rows, i]
+        others, total = float(np.sum(room)) - 1.0, float(np.sum(point.residuals[rows, i] ** 2))
+        few = len(rows) <= (0 if given else 2 * len(task.names))
+        if few or total <= (ROUNDED * scales[i]) ** 2:
+            continue
+        squares = point.residuals[rows, i] ** 2 / np.maximum(room, SINGULAR)
+        far = int(np.argmax(squares))
+        if given:
+            chance = 2.0 * norm.sf(math.sqrt(squares[far]) / task.sigmas[i])
+        else:
+            rest = max(total - float(squares[far]), (ROUNDED * scales[i]) ** 2)
+            chance = 2.0 * t.sf(math.sqrt(squares[far] * others / rest), others)
+        if chance * count < SELDOM:
+            off = point.residuals[rows[far], i]
+            found = f"{task.data.places[rows[far]]}: its {kind} is off by {off:.3g}, more than"
+            notes.append(f"{found} the errors of all others explain; check it, or leave it out")
+    return notes
 
 
 def _combination(names: Sequence[str], row: Array) -> str:
