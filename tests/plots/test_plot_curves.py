@@ -17,7 +17,7 @@ from contimpact.continuation.branch import End, EndKind
 from contimpact.errors import InputError
 from contimpact.plots.curves import save_curves
 from contimpact.results.catalogue import catalogue_text
-from contimpact.results.curve import Area, Curve, StableOrbit, regions
+from contimpact.results.curve import Area, Codim2, Curve, StableOrbit, regions
 from contimpact.results.diagram import Diagram
 
 UNITS = {"s": "m", "A": "N", "d": "dimensionless", "a": "kg"}
@@ -261,3 +261,22 @@ def test_each_pair_of_parameters_has_its_picture(tmp_path):
     names = ["curves-s-r.png", "curves-s-A.png"]
     assert save_curves([IN_R, IN_A], tmp_path, ["png"], units=UNITS) == names
     assert all((tmp_path / name).exists() for name in names)
+
+
+def test_points_of_codimension_two_have_marks_of_their_own():
+    """R3 and R4 of one curve had the same one."""
+    kinds = (
+        "PD-G G-PD FB-G BP-G PD-V FB-V BP-V G-FB DG CP GPD R1 R2 R3 R4 FB-BP PD-PD NS-NS".split()
+    )
+    kinds += ["FB-PD", "PD-FB", "FB-NS", "NS-FB", "PD-NS", "NS-PD"]
+    place = {"s": 0.35, "r": 0.35, "d": 0.22}
+    points = [Codim2(f"c1.{k}", "c1", k, "", place, [], 0.0, 0.0) for k in kinds]
+    axes = plot_curves([dataclasses.replace(IN_R, points=points)])
+    legend = np.ravel(axes)[0].figure.legends[0]
+    marks = {
+        text.get_text(): handle.get_marker()
+        for text, handle in zip(legend.get_texts(), legend.legend_handles, strict=True)
+        if text.get_text() in kinds
+    }
+    assert set(marks) == {*kinds} - {"G-PD", "PD-FB", "NS-FB", "NS-PD"}
+    assert len(set(marks.values())) == len(marks)
