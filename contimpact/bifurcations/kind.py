@@ -538,10 +538,18 @@ MARKERS = {
     "FB-PD": "h",
     "FB-NS": "H",
     "PD-NS": "8",
+    "BP-PD": "2",
+    "BP-NS": "3",
 }
 """Markers of the points in pictures."""
 
-OTHER_NAMES = {"G-PD": "PD-G", "PD-FB": "FB-PD", "NS-FB": "FB-NS", "NS-PD": "PD-NS"}
+OTHER_NAMES = {
+    "G-PD": "PD-G",
+    "PD-FB": "FB-PD",
+    "NS-FB": "FB-NS",
+    "NS-BP": "BP-NS",
+    "NS-PD": "PD-NS",
+}
 """Points that are seen from the curves of both kinds, and their names on the other one."""
 
 
