@@ -228,10 +228,9 @@ def check_product(branch):
     """The product of an impact pair's multipliers is that of r squared over all impacts.
 
     Next to a zero velocity one of them is so large that the other is lost in rounding, and so it
-    is where r itself is as small as rounding. An orbit is one up to its residual, by which impact
-    velocities are off, and the product by as large a part as that is of the smallest; where no
-    digit of that one is known, none of the product is. A flight's determinant is as small as the
-    velocity it begins with, r times that before, and a difference of numbers as large as one.
+    is where r itself is as small as rounding. An orbit is one up to its residual, by which
+    velocities are off, and the product by as large a part as that is of the smallest after an
+    impact: of r times that before. Where no digit of that one is known, none of the product is.
     """
     restitution = {w: branch[f"r_{w}" if f"r_{w}" in branch.columns else "r"] for w in "BT"}
     if min(np.min(r) for r in restitution.values()) < ROUNDING:
@@ -242,7 +241,7 @@ def check_product(branch):
     multipliers, exact = branch.multipliers[known], exact[known]
     slack = 1e-9 + 64.0 * np.finfo(float).eps * np.max(np.abs(multipliers), axis=1)
     slowest = np.min(np.abs(branch.velocities[known]), axis=1)
-    slack += branch["residual"][known] / np.maximum(slowest, np.finfo(float).tiny)
-    least = np.min(list(restitution.values()), axis=0)[known] * slowest
-    slack += 16.0 * np.finfo(float).eps / np.maximum(least, np.finfo(float).tiny)
+    slowest *= np.min(list(restitution.values()), axis=0)[known]
+    off = branch["residual"][known] + 64.0 * np.finfo(float).eps
+    slack += off / np.maximum(slowest, np.finfo(float).tiny)
     assert np.all(np.abs(np.prod(multipliers, axis=1) - exact) <= slack * exact)

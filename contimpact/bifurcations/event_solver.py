@@ -460,9 +460,9 @@ class Solver:
 
     def _run_plainly(self, system: SystemVectors, search: Search, arc: ArcVectors) -> int:
         evaluate, bound, guess, check = self.functions
-        if not arc.options[0]:
-            return solve_system(evaluate, bound, system, search, arc.options[1])
         try:
+            if not arc.options[0]:
+                return solve_system(evaluate, bound, system, search, arc.options[1])
             return locate_on_arc(evaluate, bound, guess, check, system, search, arc)
         except (ArithmeticError, ValueError):
             return FAILED

@@ -511,7 +511,7 @@ def solve_system(
         least, found, at_best, largest_unknown = size, True, True, 0.0
         for i in range(n):
             best[i] = z[i]
-            if i < orbit:
+            if i < orbit and system.sizes[i] > 0.0:  # all velocities may vanish
                 largest_unknown = max(largest_unknown, abs(z[i]) / system.sizes[i])
         if not newton_step(system, search.row, 0.0, step):
             return FAILED
