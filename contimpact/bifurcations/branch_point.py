@@ -17,6 +17,7 @@ from ..continuation.branch import EndKind, Location, Problem, TestFunction
 from ..continuation.corrector import orient_vector
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
+from .codimension_two import GrazingCoincides, MultiplierCoincides, PairCoincides, StopCoincides
 from .extended_system import (
     ROUNDING,
     Crossing,
@@ -36,13 +37,9 @@ from .kind import (
     CurvePoint,
     Details,
     Equations,
-    GrazingCoincides,
     Kind,
     Look,
-    MultiplierCoincides,
-    PairCoincides,
     Start,
-    StopCoincides,
     System,
     Values,
     declared,

@@ -24,6 +24,18 @@ from ..continuation.corrector import orient_vector
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from ..orbits.quiet import QuietProblem, problem_of
+from .codimension_two import (
+    CurveStart,
+    CurveTest,
+    GrazingCoincides,
+    MultiplierCoincides,
+    PairCoincides,
+    Resonance,
+    SecondEigenvector,
+    StopCoincides,
+    double_orbit,
+    scaled_determinant,
+)
 from .extended_system import (
     ROUNDING,
     ExtendedSystem,
@@ -40,24 +52,14 @@ from .kind import (
     SUPER,
     Change,
     CurvePoint,
-    CurveStart,
-    CurveTest,
     Details,
     Equations,
-    GrazingCoincides,
     Kind,
     Look,
-    MultiplierCoincides,
-    PairCoincides,
-    Resonance,
-    SecondEigenvector,
     Start,
-    StopCoincides,
     System,
     Values,
     declared,
-    double_orbit,
-    scaled_determinant,
 )
 
 

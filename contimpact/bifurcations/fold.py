@@ -7,6 +7,15 @@ import numpy as np
 from ..continuation.branch import TestFunction
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
+from .codimension_two import (
+    CurveTest,
+    GrazingCoincides,
+    MultiplierCoincides,
+    PairCoincides,
+    Resonance,
+    SecondEigenvector,
+    StopCoincides,
+)
 from .extended_system import (
     ExtendedSystem,
     OrbitEvent,
@@ -16,24 +25,7 @@ from .extended_system import (
     null_vectors,
     stands_upright,
 )
-from .kind import (
-    Change,
-    CurvePoint,
-    CurveTest,
-    Details,
-    Equations,
-    GrazingCoincides,
-    Kind,
-    Look,
-    MultiplierCoincides,
-    PairCoincides,
-    Resonance,
-    SecondEigenvector,
-    StopCoincides,
-    System,
-    Values,
-    declared,
-)
+from .kind import Change, CurvePoint, Details, Equations, Kind, Look, System, Values, declared
 
 
 class Fold(SingularTest):

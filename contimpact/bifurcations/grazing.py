@@ -39,6 +39,7 @@ from ..orbits.quiet import problem_of
 from ..orbits.status import PASSES, Verdict, count_unstable
 from ..segments.flight import Touch
 from ..segments.segment import ELSEWHERE
+from .codimension_two import touch_points
 from .event_solver import LocatedPoint
 from .extended_system import (
     ExtendedSystem,
@@ -69,7 +70,6 @@ from .kind import (
     declared,
     null_vector_start,
     rate_error,
-    touch_points,
 )
 from .scalar_systems import PASSING
 from .sliding import (

@@ -9,19 +9,10 @@ from ..continuation.branch import TestFunction
 from ..errors import require_known
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding_of_setup
+from .codimension_two import GrazingCoincides, StopCoincides
 from .declarations import REQUESTED
 from .extended_system import EPSILON, ExtendedSystem, Orbits, ReachedTest, ScalarTest
-from .kind import (
-    Details,
-    Equations,
-    GrazingCoincides,
-    Kind,
-    Look,
-    StopCoincides,
-    System,
-    Values,
-    declared,
-)
+from .kind import Details, Equations, Kind, Look, System, Values, declared
 
 PERIOD = "period"
 """Name of the orbit's period where it is free."""

@@ -16,6 +16,13 @@ from ..continuation.branch import EndKind, Point, TestFunction
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding
 from ..orbits.status import neimark_sacker, pair_on_circle
+from .codimension_two import (
+    CurveTest,
+    GrazingCoincides,
+    MultiplierCoincides,
+    PairCoincides,
+    StopCoincides,
+)
 from .extended_system import (
     ExtendedSystem,
     OrbitEvent,
@@ -26,22 +33,7 @@ from .extended_system import (
     rounding_of_length,
     rounding_of_product,
 )
-from .kind import (
-    Change,
-    CurvePoint,
-    CurveTest,
-    Details,
-    Equations,
-    GrazingCoincides,
-    Kind,
-    Look,
-    MultiplierCoincides,
-    PairCoincides,
-    StopCoincides,
-    System,
-    Values,
-    declared,
-)
+from .kind import Change, CurvePoint, Details, Equations, Kind, Look, System, Values, declared
 
 RESONANT = 1e-5
 """How far from the unit circle a double multiplier is seen, known to the root of rounding."""

@@ -17,6 +17,7 @@ from ..continuation.branch import Location, Problem, TestFunction
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from ..orbits.status import WRONG_WAY, Verdict, count_unstable
+from .codimension_two import touch_points
 from .extended_system import (
     ExtendedSystem,
     OrbitEvent,
@@ -38,7 +39,6 @@ from .kind import (
     Values,
     declared,
     null_vector_start,
-    touch_points,
 )
 from .scalar_systems import ScalarForm
 from .sliding import (

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import ARRAYS, LISTS, Array, Containers, Vector
+from ..bifurcations.codimension_two import CurveStart, CurveTest
 from ..bifurcations.declarations import CURVES
 from ..bifurcations.event_solver import (
     EVALUATE,
@@ -28,7 +29,7 @@ from ..bifurcations.event_solver import (
 )
 from ..bifurcations.extended_system import EPSILON, ExtendedSystem, SystemEvaluation
 from ..bifurcations.kind import CurvePoint as AnyCurvePoint
-from ..bifurcations.kind import CurveStart, CurveTest, Kind, Values, kind_of
+from ..bifurcations.kind import Kind, Values, kind_of
 from ..bifurcations.scalar_systems import (
     BLOCK,
     ON_CURVE,

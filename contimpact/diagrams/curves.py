@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
+from ..bifurcations.codimension_two import GrazingCoincides, StopCoincides, double_orbit
 from ..bifurcations.declarations import REQUESTED
 from ..bifurcations.extended_system import EPSILON, ExtendedSystem, SystemEvaluation, solve
-from ..bifurcations.kind import GrazingCoincides, Kind, StopCoincides, Values, double_orbit, kind_of
+from ..bifurcations.kind import Kind, Values, kind_of
 from ..continuation.branch import (
     End,
     EndKind,

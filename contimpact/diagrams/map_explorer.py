@@ -13,7 +13,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import numpy as np
 
 from ..arrays import Array
-from ..bifurcations.kind import CurveStart, kind_of, test_functions
+from ..bifurcations.codimension_two import CurveStart
+from ..bifurcations.kind import kind_of, test_functions
 from ..bifurcations.requested import RequestedValues
 from ..continuation.branch import End, EndKind, Event, Point, TestFunction
 from ..continuation.corrector import correct, first_tangent, length

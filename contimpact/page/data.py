@@ -15,7 +15,8 @@ import numpy as np
 
 from .. import __version__
 from ..arrays import Array
-from ..bifurcations.kind import OTHER_NAMES, kind_of
+from ..bifurcations.codimension_two import OTHER_NAMES
+from ..bifurcations.kind import kind_of
 from ..errors import printable
 from ..models.guards import Guard, orders_of
 from ..models.model import Model

@@ -23,7 +23,8 @@ from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path as OutlinePath
 
 from ..arrays import Array
-from ..bifurcations.kind import MARKERS, OTHER_NAMES, kind_of
+from ..bifurcations.codimension_two import MARKERS, OTHER_NAMES
+from ..bifurcations.kind import kind_of
 from ..errors import InputError, explain_arguments, require_known, short_repr
 from ..results.curve import (
     Area,

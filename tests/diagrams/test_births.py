@@ -10,7 +10,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from contimpact.bifurcations.kind import MultiplierCoincides, double_orbit, kind_of
+from contimpact.bifurcations.codimension_two import MultiplierCoincides, double_orbit
+from contimpact.bifurcations.kind import kind_of
 from contimpact.diagrams.curves import follow_curve
 from contimpact.diagrams.map_explorer import entries_born, follow_codim2, model_at_point, orbit_at
 from contimpact.diagrams.orbit_branch import continue_orbit

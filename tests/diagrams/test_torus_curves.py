@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from zoo import ROOT, scene
 
-from contimpact.bifurcations.kind import Resonance, kind_of
+from contimpact.bifurcations.codimension_two import Resonance
+from contimpact.bifurcations.kind import kind_of
 from contimpact.bifurcations.torus import NS
 from contimpact.diagrams.curve_problem import curve_problem
 from contimpact.diagrams.curves import follow_curve

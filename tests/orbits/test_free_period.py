@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 
 import contimpact as ci
 from contimpact.accuracy.reference import Reference
-from contimpact.bifurcations.kind import double_orbit
+from contimpact.bifurcations.codimension_two import double_orbit
 from contimpact.continuation.branch import EndKind
 from contimpact.diagrams.orbit_branch import symmetric_end
 from contimpact.errors import InputError

@@ -1,0 +1,459 @@
+"""Points of codimension two on curves of events, and where curves start.
+
+====== ============ ======================================================================
+kind   on           test function
+====== ============ ======================================================================
+FB-G.. FB, BP, PD   smallest interior gap of each flight and wall: the orbit also grazes
+..-V   FB, BP, PD   velocity of each impact
+G-PD   G, V         determinant of C(-1) of the orbit that grazes
+G-FB   G, V         determinant of C(1) of the orbit that grazes (the old branch folds), and
+                    parameter rate of the branch with one impact more (its fold is born)
+DG     G, V         acceleration at the touch
+R1, R2 FB, PD       product of the critical multiplier and another minus one: two at 1, or at -1,
+                    with one eigenvector
+FB-BP, FB, PD       the same with an eigenvector of its own for each
+PD-PD
+FB-PD, FB, PD, NS   product of the distances of the multipliers not critical from -1 or 1:
+..-FB, (m > 2)      both happen at once, as in the fold-flip
+NS-PD
+..-NS  FB, PD, NS   products of two multipliers that are not critical, minus one
+====== ============ ======================================================================
+
+Those of one kind alone stand with it: CP in `fold`, GPD in `doubling`. They are located by
+bracketing along the curve, whose points solve its equations to rounding.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arrays import Array
+from ..continuation.branch import Details, Event, Point, TestFunction
+from ..continuation.corrector import log_determinant
+from ..models.word import Word
+from ..orbits.problem import Linearisation
+from ..orbits.quiet import problem_of
+from ..orbits.status import neimark_sacker, pair_on_circle, products_of
+from ..segments.flight import Touch
+from .extended_system import ExtendedSystem
+from .kind import CurvePoint, Kind, kind_of
+
+Leaves: TypeAlias = Callable[[ExtendedSystem, Array], tuple[Array, Array]]
+
+
+@dataclass(frozen=True)
+class CurveStart:
+    """An orbit at a point of codimension two, as one of a curve that begins there or passes."""
+
+    kind: str
+    """Kind of the curve."""
+    here: Linearisation
+    """The orbit, with two free parameters."""
+    details: Details = field(default_factory=dict)
+    """Place on the orbit at which it happens."""
+    leaves: Leaves | None = None
+    """``leaves(system, own) -> (orbit, own)``: where other solutions of the curve's equations cross
+    it: the direction of the curve, in the orbit's unknowns and in those that the equations add,
+    given the equations and the latter. Without it the solutions are one curve."""
+
+
+def double_orbit(here: Linearisation) -> Linearisation:
+    """Return an orbit run twice, as one of the doubled word."""
+    problem = here.problem
+    rows, span = problem.impacts(here.unknowns), here.span
+    later = rows.copy()
+    later[:, 0] += span
+    word = Word(problem.word.walls * 2, problem.word.period * 2)
+    doubled = problem_of(problem.model, word, problem.kernels)
+    both = np.vstack([rows, later])
+    return doubled.evaluate(doubled.with_impacts(both, 2.0 * span, here.unknowns))
+
+
+MARKERS = {
+    "PD-G": "o",
+    "G-FB": "^",
+    "CP": "v",
+    "GPD": "s",
+    "DG": "D",
+    "FB-G": "p",
+    "FB-V": "X",
+    "PD-V": "*",
+    "R1": "<",
+    "R2": ">",
+    "FB-BP": "d",
+    "PD-PD": "1",
+    "R3": "$3$",
+    "R4": "$4$",
+    "BP-G": "x",
+    "BP-V": "+",
+    "FB-PD": "h",
+    "FB-NS": "H",
+    "PD-NS": "8",
+    "BP-PD": "2",
+    "BP-NS": "3",
+}
+"""Markers of the points in pictures."""
+
+OTHER_NAMES = {
+    "G-PD": "PD-G",
+    "PD-FB": "FB-PD",
+    "NS-FB": "FB-NS",
+    "NS-BP": "BP-NS",
+    "NS-PD": "PD-NS",
+}
+"""Points that are seen from the curves of both kinds, and their names on the other one."""
+
+
+class CurveTest(TestFunction[CurvePoint]):
+    """A test function of the points of a curve, with a sentence on what changes at its zeros."""
+
+    changes: str = ""
+    pole: str = ""
+    """Name of a kind at whose events the function has a pole, or none but for rounding."""
+
+    def values(self, point: Point[CurvePoint]) -> Array:
+        try:
+            return np.atleast_1d(np.array(self.of(point.evaluation), dtype=float))
+        except (ArithmeticError, np.linalg.LinAlgError):
+            return np.array([np.nan])
+
+    @abstractmethod
+    def of(self, here: CurvePoint) -> ArrayLike:
+        """Return the values, as a number or a sequence."""
+
+    def details(self, point: Point[CurvePoint], index: int) -> Details:
+        return {"index": index, "changes": self.changes}
+
+    def other(self, here: CurvePoint, index: int) -> tuple[str, Details] | None:
+        """Return the kind of event that happens there besides the curve's, and where on the orbit.
+
+        None where it is no event of the same orbit: its value is then all there is to solve.
+        """
+        return None
+
+    def born(self, here: CurvePoint, index: int) -> list[CurveStart]:
+        """Return the curves of other kinds, or of other orbits, that start there or pass."""
+        other = self.other(here, index)
+        return [] if other is None else [CurveStart(other[0], here.orbit, other[1])]
+
+
+# On curves of smooth bifurcations.
+
+
+class GrazingCoincides(CurveTest):
+    """The bifurcating orbit touches a wall."""
+
+    def __init__(self, kind: str) -> None:
+        self.kind = f"{kind}-G"
+        self.changes = (
+            f"the {kind} and a grazing happen on the same orbit: beyond, the orbit is unphysical "
+            f"at the {kind}, which becomes a ghost"
+        )
+
+    def of(self, here: CurvePoint) -> ArrayLike:
+        return [np.nan if t is None else t.gap for t in self.touches(here)]
+
+    @staticmethod
+    def touches(here: CurvePoint) -> list[Touch | None]:
+        return [t for flight in here.orbit.gaps for t in flight.touches]
+
+    def other(self, here: CurvePoint, index: int) -> tuple[str, Details] | None:
+        touch = self.touches(here)[index]
+        if touch is None:
+            return None
+        return "G", {"flight": touch.flight, "wall": touch.wall, "touch_time": touch.time}
+
+
+class StopCoincides(CurveTest):
+    """An impact of the bifurcating orbit loses its velocity."""
+
+    def __init__(self, kind: str) -> None:
+        self.kind = f"{kind}-V"
+        self.changes = (
+            f"an impact loses its velocity on the orbit of the {kind}: beyond, it runs the wrong "
+            "way"
+        )
+
+    def of(self, here: CurvePoint) -> ArrayLike:
+        return here.orbit.problem.impacts(here.orbit.unknowns)[:, 1]
+
+    def other(self, here: CurvePoint, index: int) -> tuple[str, Details]:
+        return "V", {"impact": index}
+
+
+ONE_EIGENVECTOR = 1e-6
+"""Second smallest singular value of C(mu), beside the largest, above which a double multiplier mu
+has one eigenvector."""
+
+
+class Resonance(CurveTest):
+    """A second multiplier joins the critical one, 1 or -1, and has no eigenvector of its own: only
+    then do the two leave the real axis as a pair, and a curve of NS begins."""
+
+    noise = 1e-9  # without damping and losses the product is one everywhere, within rounding
+
+    def __init__(self, kind: str, multiplier: float) -> None:
+        self.kind, self.multiplier = kind, multiplier
+        self.changes = f"two multipliers are {multiplier:.0f}: a curve of NS begins"
+
+    def of(self, here: CurvePoint) -> ArrayLike:
+        """Of products with the critical one alone: two others may be a pair of their own."""
+        values = here.orbit.multipliers
+        critical = int(np.argmin(np.abs(values - self.multiplier)))
+        with np.errstate(invalid="ignore"):  # of infinite ones, where an impact is at rest
+            return neimark_sacker(values[critical] * np.delete(values, critical))
+
+    def enters(self, point: Point[CurvePoint], index: int) -> bool:
+        """Where an impact is at rest, multipliers pass through infinity."""
+        return point.evaluation.orbit.unbounded
+
+    def accept(self, event: Event[CurvePoint]) -> bool:
+        """Whether there is one eigenvector."""
+        orbit = event.point.evaluation.orbit
+        matrix = orbit.cyclic(self.multiplier)[:, : orbit.problem.n]
+        sizes = np.linalg.svd(matrix, compute_uv=False)
+        return bool(sizes[-2] > ONE_EIGENVECTOR * sizes[0])
+
+    def born(self, here: CurvePoint, index: int) -> list[CurveStart]:
+        """The curve of NS."""
+        return [CurveStart("NS", here.orbit)]
+
+
+class SecondEigenvector(Resonance):
+    """A second multiplier passes the critical one and has its own eigenvector: both stay real."""
+
+    def __init__(self, kind: str, multiplier: float) -> None:
+        super().__init__(kind, multiplier)
+        self.changes = (
+            f"a second multiplier passes {multiplier:.0f} with an eigenvector of its own, as where "
+            "a curve of BP passes that of FB: no curve of NS begins"
+        )
+
+    def accept(self, event: Event[CurvePoint]) -> bool:
+        """Whether there are two eigenvectors."""
+        return not super().accept(event)
+
+    def born(self, here: CurvePoint, index: int) -> list[CurveStart]:
+        """Of other kinds none."""
+        return []
+
+
+class Coincides(CurveTest):
+    """Other multipliers of the bifurcating orbit are critical, too."""
+
+    def __init__(self, kind: Kind, event: str) -> None:
+        self.own, self.event, self.kind = kind, event, f"{kind.name}-{event}"
+        self.changes = f"{kind.name} and {event} happen on the same orbit: their curves cross"
+
+    def others(self, here: CurvePoint) -> Array:
+        multipliers = here.orbit.multipliers
+        return np.delete(multipliers, self.own.critical(multipliers))
+
+    def enters(self, point: Point[CurvePoint], index: int) -> bool:
+        """Where an impact is at rest, multipliers pass through infinity."""
+        return point.evaluation.orbit.unbounded
+
+    def other(self, here: CurvePoint, index: int) -> tuple[str, Details] | None:
+        return None if self.event == self.own.name else (self.event, {})
+
+
+class MultiplierCoincides(Coincides):
+    """Another multiplier is that of a kind; with two there is no other one, as their product is
+    positive."""
+
+    def of(self, here: CurvePoint) -> ArrayLike:
+        if here.orbit.problem.m <= 2:
+            return []
+        others, mu = self.others(here), kind_of(self.event).multiplier
+        assert mu is not None, "these kinds have one"
+        others = others[np.isfinite(others)]
+        return float(np.prod((1.0 - mu * others) / (1.0 + np.abs(others))).real)
+
+    def accept(self, event: Event[CurvePoint]) -> bool:
+        """Of two kinds with one multiplier, that one at which branches cross, or do not."""
+        orbit, kind = event.point.evaluation.orbit, kind_of(self.event)
+        if kind.multiplier != 1.0:
+            return True
+        psi = orbit.singular_vectors(orbit.cyclic(1.0)[:, : orbit.problem.n])[0][-1]
+        moved, most = np.abs(psi @ orbit.by_parameter), np.abs(psi) @ np.abs(orbit.by_parameter)
+        return bool(np.all(moved < CROSSING * most)) == kind.crossing
+
+
+CROSSING = 1e-6
+"""Part of the size of what parameters change below which it is rounding."""
+
+
+class PairCoincides(Coincides):
+    """Another pair of multipliers is on the unit circle."""
+
+    noise = Resonance.noise
+
+    def __init__(self, kind: Kind) -> None:
+        super().__init__(kind, "NS")
+
+    def of(self, here: CurvePoint) -> ArrayLike:
+        others = self.others(here)
+        return neimark_sacker(products_of(others)) if len(others) > 1 else []
+
+    def accept(self, event: Event[CurvePoint]) -> bool:
+        """Two real multipliers with the product one are a neutral saddle."""
+        return pair_on_circle(self.others(event.point.evaluation))
+
+
+# On curves of orbits that touch a wall, seen from the shorter or from the longer word.
+
+TouchPlace: TypeAlias = "Callable[[CurvePoint], tuple[int, str, float]]"
+"""Gives the flight on which a point's orbit touches a wall, the wall, and the time since the flight
+began."""
+
+
+class DegenerateTouch(CurveTest):
+    """The touch has no acceleration."""
+
+    kind = "DG"
+    changes = "the touch has zero acceleration: two touches of the flight are born or meet"
+
+    def __init__(self, touch: TouchPlace) -> None:
+        self.touch = touch
+
+    def of(self, here: CurvePoint) -> ArrayLike:
+        orbit, problem = here.orbit, here.orbit.problem
+        flight, wall, since = self.touch(here)
+        left, row = problem.leaving(orbit.unknowns, flight)
+        return problem.kernels.gap_after(left, wall)(*row, since, *problem.values(orbit.unknowns))[
+            2
+        ]
+
+
+SMALLEST = -700.0
+"""Least logarithm of a determinant that is told from zero."""
+
+
+def scaled_determinant(orbit: Linearisation, mu: float) -> float:
+    """Return the determinant of C(mu) in natural sizes, which has the sign of its own."""
+    n = orbit.problem.n
+    free = mu == 1.0 and orbit.problem.autonomous  # C(1) is singular: of shifts in time
+    matrix = orbit.jacobian if free else orbit.cyclic(mu)
+    rows, sizes = orbit.sizes  # its own rows may vanish, as at rest
+    sign, logarithm = log_determinant(matrix[:, :n] * sizes[:n] / rows[:, None])
+    return sign * math.exp(max(logarithm, SMALLEST))
+
+
+class TouchSingular(CurveTest):
+    """A multiplier of the orbit, counted as one of a word, is mu."""
+
+    def __init__(
+        self, kind: str, changes: str, mu: float, counted: Callable[[CurvePoint], Linearisation]
+    ) -> None:
+        self.kind, self.changes, self.mu, self.counted = kind, changes, mu, counted
+
+    def of(self, here: CurvePoint) -> ArrayLike:
+        return scaled_determinant(self.counted(here), self.mu)
+
+    def other(self, here: CurvePoint, index: int) -> tuple[str, Details] | None:
+        same = self.counted(here) is here.orbit
+        return (self.event, {}) if same else None
+
+    @property
+    def event(self) -> str:
+        """The kind of event of which the orbit has the multiplier."""
+        return "FB" if self.mu > 0.0 else "PD"
+
+    def born(self, here: CurvePoint, index: int) -> list[CurveStart]:
+        return [CurveStart(self.event, self.counted(here))]
+
+
+class FoldBorn(TouchSingular):
+    """The branch with the touch as an impact begins with a fold.
+
+    The impact's velocity changes the parameter linearly along that branch, with a rate that is zero
+    here. A contact that begins and ends at rest, as that of a soft stop or with a belt that takes
+    the body along, changes it by the square of the velocity only, and so does an impact that is
+    forgotten before the next one: then the rate is zero everywhere, and no fold is born by its
+    change. An eigenvector of C(1) that moves nothing but what happens at the touch tells.
+    """
+
+    def __init__(self, touch: TouchPlace, longer: Callable[[CurvePoint], Linearisation]) -> None:
+        changes = (
+            "the fold of the new branch is born at the grazing: the grazing changes between "
+            "supercritical and subcritical"
+        )
+        super().__init__("G-FB", changes, 1.0, longer)
+        self.touch = touch
+
+    def of(self, here: CurvePoint) -> ArrayLike:
+        flight, _, since = self.touch(here)
+        begin, _ = here.orbit.problem.times_around(here.orbit.unknowns, flight)
+        if _leaves_no_trace(self.counted(here), begin + since):
+            return np.nan
+        acceleration = DegenerateTouch(self.touch).of(here)  # a factor, which is no fold's
+        return np.sign(acceleration) * np.asarray(super().of(here))
+
+
+NO_TRACE = 1e-7
+"""Part of an equation's size below which what an impact at rest changes in it is rounding: times of
+touches are known to the square root of rounding only."""
+TOGETHER = 1e-6
+"""Part of the period within which impacts happen at once."""
+
+
+def _leaves_no_trace(orbit: Linearisation, time: float) -> bool:
+    """Whether impacts at a time can move together, to the first order, so that no flight before or
+    after them changes at its other end."""
+    problem, unknowns, span = orbit.problem, orbit.unknowns, orbit.span
+    apart = problem.impacts(unknowns)[: len(problem.word), 0] - time
+    there = np.abs(apart - span * np.round(apart / span)) < TOGETHER * span
+    (rows, sizes), moved = orbit.sizes, np.flatnonzero(np.repeat(there, problem.m))
+    own = orbit.cyclic(0.0)
+    around = orbit.cyclic(1.0) - own
+    if problem.autonomous:  # the first impact is held in time, and all others move instead
+        around[:, 0] = -own[:, : problem.n : problem.m].sum(axis=1)
+    both = np.hstack([own[:, moved].T, around[:, moved].T]) / np.tile(rows, 2)
+    return bool(np.linalg.norm(both * sizes[moved, None], -2) < NO_TRACE)
+
+
+Counted: TypeAlias = Callable[["CurvePoint"], Linearisation]
+
+
+def _remembering(counted: Counted) -> Counted:
+    """A function that is asked twice for each point, and computes once."""
+    last: list[tuple[CurvePoint, Linearisation]] = []
+
+    def remembered(here: CurvePoint) -> Linearisation:
+        if not last or last[0][0] is not here:
+            last[:] = [(here, counted(here))]
+        return last[0][1]
+
+    return remembered
+
+
+def touch_points(
+    touch: TouchPlace,
+    longer: Callable[[CurvePoint], Linearisation],
+    shorter: Callable[[CurvePoint], Linearisation] | None,
+) -> list[TestFunction[CurvePoint]]:
+    """Return the test functions of a curve of orbits that touch a wall.
+
+    `longer` and `shorter` give the orbit with the touch as an impact of its word, and without, None
+    if no impact is left.
+    """
+    points: list[TestFunction[CurvePoint]] = [
+        DegenerateTouch(touch),
+        FoldBorn(touch, _remembering(longer)),
+    ]
+    if shorter is not None:
+        shorter = _remembering(shorter)
+        doubles = "the grazing orbit doubles its period here: the grazing is real on one side only"
+        folds = "the branch that grazes folds at its grazing"
+        points += [
+            TouchSingular("G-PD", doubles, -1.0, shorter),
+            TouchSingular("G-FB", folds, 1.0, shorter),
+        ]
+    return points
