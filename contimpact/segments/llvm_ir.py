@@ -7,7 +7,8 @@ that of Python on doubles, operation by operation, but for a division by zero, w
 no number.
 
 A program is as many modules as its functions come from files, and one of those that are written for
-a model: the others are the same for many models, and compiled once.
+a model: the others are the same for many models, and compiled once. Short functions are copied to
+where they are called, but for those written for a model.
 """
 
 from __future__ import annotations
@@ -17,11 +18,10 @@ import functools
 import hashlib
 import math
 import struct
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping, Sequence, Set
+from typing import Any, NamedTuple, Protocol
 
 from ..arrays import ENTRY, INTEGERS, TABLE, VECTOR
-from ..syntax import parse
 
 # Types: "double", "i64" and "i1" of LLVM for numbers, and the following.
 
@@ -151,23 +151,30 @@ class Part(NamedTuple):
     """Declarations of what is in no program, and definitions of tables of constants."""
 
 
-class Translation:
-    """The functions of the text of a `machine_code.Program`, translated as they are called."""
+class Source(Protocol):
+    """A program in plain Python, whose entry is the function ``entry``."""
 
-    def __init__(self, text: str) -> None:
-        self.trees: dict[str, ast.FunctionDef] = {}
-        rest: list[ast.stmt] = []
-        for statement in parse(text).body:
-            if isinstance(statement, ast.FunctionDef):
-                self.trees[statement.name] = statement
-            else:
-                rest.append(statement)
-        self.constants: dict[str, Any] = {}
-        exec(compile(ast.Module(rest, []), "<contimpact program>", "exec"), self.constants)
+    trees: dict[str, ast.FunctionDef]
+    """Its functions, by name."""
+    constants: dict[str, Any]
+    """Numbers, tuples and classes of named tuples that the functions name."""
+    origins: dict[str, str]
+    """The files of those functions that are not written for a model."""
+    closed: set[str]
+    """Functions in closed form: long, and without loops. LLVM tries in vain, in time that grows
+    with the square of their length, to compute their numbers side by side, unless told not to (by
+    ``noimplicitfloat``)."""
+
+
+class Translation:
+    """The functions of a program, translated as they are called."""
+
+    def __init__(self, program: Source) -> None:
+        self.program = program
         self.found: dict[tuple[str, tuple[Any, ...]], tuple[str, Any]] = {}
         self.parts: dict[str, Part] = {}
         self.names: dict[str, str] = {}
-        """The functions' names in the text by those in LLVM's code."""
+        """The functions' names in the program by those in LLVM's code."""
 
     def function(self, name: str, types: tuple[Any, ...]) -> tuple[str, Any]:
         """The LLVM name and the type of the result of a function for arguments of these types."""
@@ -175,7 +182,7 @@ class Translation:
             known: dict[str, Any] = {}
             widened = True
             while widened:
-                body = Body(self, self.trees[name], types, known)
+                body = Body(self, self.program.trees[name], types, known)
                 lines, known, widened = body.translate(), body.known, body.widened
             like = sum(other == name for other in self.names.values())
             own = f"@f_{name}_{like}"
@@ -194,7 +201,7 @@ class Translation:
             self.names[own], self.found[name, types] = name, (own, result)
         return self.found[name, types]
 
-    def modules(self, arguments: str, origins: Mapping[str, str] | None = None) -> list[str]:
+    def modules(self, arguments: str) -> list[str]:
         """The modules of the program, one for each of the origins of its functions; the first has
         the entry, which takes arrays of these kinds, as pointers and sizes, and the functions that
         have no origin."""
@@ -213,29 +220,30 @@ class Translation:
 }}"""
         parts: dict[str, list[str]] = {"": []}
         for part, own in self.names.items():
-            parts.setdefault((origins or {}).get(own, ""), []).append(part)
-        first = self._module(parts.pop(""), entry)
-        others = [some for _, some in sorted(parts.items())]
-        return [first, *(self._module(o) for o in others if not all(map(self._is_inline, o)))]
+            parts.setdefault(self.program.origins.get(own, ""), []).append(part)
+        first = parts.pop("")
+        copied = {part for part, found in self.parts.items() if found.inline}.difference(first)
+        others = [some for _, some in sorted(parts.items()) if not copied.issuperset(some)]
+        return [self._module(first, copied, entry), *(self._module(o, copied) for o in others)]
 
-    def _is_inline(self, part: str) -> bool:
-        return self.parts[part].inline
+    def _module(self, own: Sequence[str], copied: Set[str], *entry: str) -> str:
+        """A module of some of the functions, and of those it calls that are copied to callers.
 
-    def _module(self, own: Sequence[str], *entry: str) -> str:
-        """A module of some of the functions."""
+        A function written for a model is not copied: its callers' modules are the same for all."""
         called = {other for part in own for other in self.parts[part].calls}
         lent = {
             other for part, found in self.parts.items() if part not in own for other in found.calls
         }
-        written = sorted({*own, *filter(self._is_inline, called)})
+        written = sorted({*own, *(called & copied)})
         outside = {text for part in written for text in self.parts[part].outside}
         lacking = sorted(called - {*written})
         declared = [f"declare hidden {self.parts[part].declaration}" for part in lacking]
         texts = []
         for part in written:
             found = self.parts[part]
-            linkage = "hidden" if part in lent and not found.inline else "internal"
-            how = "nounwind alwaysinline" if found.inline else "nounwind"
+            linkage = "hidden" if part in lent - copied else "internal"
+            how = "nounwind" + " alwaysinline" * found.inline
+            how += " noimplicitfloat" * (self.names[part] in self.program.closed)
             texts.append(
                 "\n".join([f"define {linkage} {found.signature} {how} {{", *found.lines, "}"])
             )
@@ -264,12 +272,12 @@ class Body:
 
     def __init__(
         self,
-        program: Translation,
+        translation: Translation,
         tree: ast.FunctionDef,
         types: tuple[Any, ...],
         known: Mapping[str, Any],
     ) -> None:
-        self.program, self.tree = program, tree
+        self.translation, self.program, self.tree = translation, translation.program, tree
         self.known = dict(known)
         self.widened = False
         self.lines: list[str] = []
@@ -820,7 +828,7 @@ class Body:
         return Value("double", (self._put(f"call double {own}({', '.join(numbers)})"),))
 
     def _call_own(self, name: str, given: Sequence[Value]) -> Value:
-        own, result = self.program.function(name, tuple(value.type for value in given))
+        own, result = self.translation.function(name, tuple(value.type for value in given))
         self.calls.add(own)
         numbers = ", ".join(
             f"{leaf} {number}"
@@ -890,13 +898,10 @@ OPERATIONS: dict[str, Callable[[Body, Sequence[Value]], Value]] = {
 """Functions of Python."""
 
 
-def intermediate_code(
-    text: str, arguments: str, origins: Mapping[str, str] | None = None
-) -> list[str]:
-    """Return the modules of a program whose entry is the function ``entry``, in plain Python.
+def intermediate_code(program: Source, arguments: str) -> list[str]:
+    """Return the modules of a program; `arguments` are the kinds of its entry's arguments.
 
-    `arguments` are the kinds of the entry's arguments. The first module holds the entry and the
-    functions without an origin, there is another for each of the `origins` of the others. Raises
-    NotImplementedError for what is not in the subset.
+    The first module holds the entry and the functions without an origin, there is another for each
+    of the origins of the others. Raises NotImplementedError for what is not in the subset.
     """
-    return Translation(text).modules(arguments, origins)
+    return Translation(program).modules(arguments)

@@ -1,9 +1,11 @@
-"""Programs of plain functions as one text, and their machine code."""
+"""Programs of plain functions, and their machine code."""
 
 from __future__ import annotations
 
 import ast
+import functools
 import inspect
+import math
 import textwrap
 import types
 from collections.abc import Callable, Mapping, Sequence
@@ -13,29 +15,32 @@ from typing import Any
 from ..arrays import tail
 from ..storage import temporary_beside
 from ..syntax import parse
+from .layout import Family
 from .llvm_ir import intermediate_code
 
 PACKAGE = __name__.partition(".")[0]
 
-# Programs: functions in the plain subset of Python with all they call, as one text.
+# Programs: functions in the plain subset of Python with all they call.
 #
 # The subset: floats, whole numbers, tuples of them, vectors that are indexed, `math`, loops and
 # branches; no lists made, nothing raised. It runs as it stands and under a compiler.
 
 
 class Program:
-    """The text of an entry function and of all it calls; functions may be replaced by others."""
+    """An entry function and all it calls, as syntax trees; functions may be replaced by others."""
 
     def __init__(self, instead: Mapping[Callable[..., Any], Callable[..., Any]]) -> None:
         self.instead = instead
         self.names: dict[int, str] = {}
-        self.parts: dict[str, str] = {}
+        self.trees: dict[str, ast.FunctionDef] = {}
+        self.constants: dict[str, Any] = {"inf": math.inf, "nan": math.nan}
         self.origins: dict[str, str] = {}
         """The modules of the package that functions are from; kernels and what is glued in are
         written for a model."""
+        self.closed: set[str] = set()
 
     def add(self, function: Callable[..., Any], name: str | None = None) -> str:
-        """Add a function with everything it calls; returns the name it has in the text."""
+        """Add a function with everything it calls; returns the name it has in the program."""
         function = self.instead.get(function, function)
         if id(function) in self.names:
             return self.names[id(function)]
@@ -43,10 +48,12 @@ class Program:
         self.names[id(function)] = name
         if (function.__module__ or "").startswith(f"{PACKAGE}."):
             self.origins[name] = function.__module__
+        if getattr(function, "family", None) is Family.CLOSED:
+            self.closed.add(name)
         tree = _tree_of(function)
         tree.name = name
-        known = _Names(self, _surroundings(function), _locals_of(tree))
-        self._put(name, known.visit(tree))
+        known = _Names(self, _surroundings(function), {*function.__code__.co_varnames})
+        self.trees[name] = known.visit(tree)
         return name
 
     def glue(self, text: str, **functions: Callable[..., Any]) -> None:
@@ -54,36 +61,36 @@ class Program:
         names = {name: self.add(function) for name, function in functions.items()}
         for tree in parse(textwrap.dedent(text)).body:
             assert isinstance(tree, ast.FunctionDef)
-            assert tree.name not in self.parts, tree.name
-            self._put(tree.name, _NameReplacer(names).visit(tree))
+            assert tree.name not in self.trees, tree.name
+            self.trees[tree.name] = _NameReplacer(names).visit(tree)
 
     def constant(self, name: str, value: Any) -> str:
         """Add a number, a tuple of numbers or a named tuple's class; returns its name."""
-        if isinstance(value, type):
-            text = f"{name} = collections.namedtuple({name!r}, {value._fields!r})"  # type: ignore[attr-defined]
-        else:
-            text = f"{name} = {value!r}"
-        if self.parts.get(name, text) != text:
+        if repr(self.constants.setdefault(name, value)) != repr(value):
             name = self._free_name(name)
-            text = f"{name} ={text.partition('=')[2]}"
-        self.parts[name] = text
+            self.constants[name] = value
         return name
 
     @property
     def text(self) -> str:
-        """The whole module."""
-        head = "import collections\nimport math\nfrom math import inf, nan\n\n"
-        return head + "\n\n".join(self.parts.values()) + "\n"
-
-    def _put(self, name: str, tree: ast.AST) -> None:
-        self.parts[name] = f"@compile\n{ast.unparse(ast.fix_missing_locations(tree))}"
+        """The whole program as a module, to be read or run."""
+        head = ["import collections", "import math", "from math import inf, nan"]
+        constants = (f"{name} = {_written(value)}" for name, value in self.constants.items())
+        trees = (ast.unparse(ast.fix_missing_locations(tree)) for tree in self.trees.values())
+        return "\n".join([*head, *constants, *trees]) + "\n"
 
     def _free_name(self, name: str) -> str:
-        taken, number = {*self.parts, *self.names.values()}, 2
+        taken, number = {*self.trees, *self.constants, *self.names.values()}, 2
         free = name
         while free in taken:
             free, number = f"{name}_{number}", number + 1
         return free
+
+
+def _written(constant: Any) -> str:
+    if isinstance(constant, type):
+        return f"collections.namedtuple({constant.__name__!r}, {constant._fields!r})"  # type: ignore[attr-defined]
+    return repr(constant)
 
 
 def choice(name: str, arguments: str, chosen: str, functions: Sequence[str], given: str) -> str:
@@ -96,7 +103,7 @@ def choice(name: str, arguments: str, chosen: str, functions: Sequence[str], giv
 
 def _tree_of(function: Callable[..., Any]) -> ast.FunctionDef:
     """The definition of a function, without what only people read."""
-    text = getattr(function, "source", None) or textwrap.dedent(inspect.getsource(function))
+    text = getattr(function, "source", None) or _source_of(function)
     tree = next(
         node
         for node in ast.walk(parse(text))
@@ -111,16 +118,16 @@ def _tree_of(function: Callable[..., Any]) -> ast.FunctionDef:
     return tree
 
 
+@functools.cache
+def _source_of(function: Callable[..., Any]) -> str:
+    """The text of a function of the package, which several programs may hold."""
+    return textwrap.dedent(inspect.getsource(function))
+
+
 def _surroundings(function: Any) -> dict[str, Any]:
     """Global names and closure variables of a function, by the name it uses."""
     cells = [cell.cell_contents for cell in function.__closure__ or ()]
     return function.__globals__ | dict(zip(function.__code__.co_freevars, cells, strict=True))
-
-
-def _locals_of(tree: ast.FunctionDef) -> set[str]:
-    names = (node for node in ast.walk(tree) if isinstance(node, ast.Name))
-    stored = {name.id for name in names if isinstance(name.ctx, ast.Store)}
-    return stored | {argument.arg for argument in tree.args.args}
 
 
 class _NameReplacer(ast.NodeTransformer):
@@ -160,7 +167,7 @@ def modules(program: Program, arguments: str) -> list[str]:
 
     Raises NotImplementedError for a program outside the subset.
     """
-    return intermediate_code(program.text, arguments, program.origins)
+    return intermediate_code(program, arguments)
 
 
 def object_code(module: str) -> bytes:

@@ -11,8 +11,7 @@ import pytest
 
 from contimpact.arrays import tail
 from contimpact.segments import compiling
-from contimpact.segments.llvm_ir import intermediate_code
-from contimpact.segments.machine_code import Program
+from contimpact.segments.machine_code import Program, modules
 
 pytestmark = pytest.mark.skipif(
     importlib.util.find_spec("llvmlite") is None, reason="the extra 'fast' is not installed"
@@ -163,5 +162,7 @@ class Rows:
     ],
 )
 def test_what_is_not_in_the_subset_is_refused(body):
+    program = Program({})
+    program.glue(f"def entry(x):\n    {body}\n")
     with pytest.raises(NotImplementedError, match=r"entry|variable"):
-        intermediate_code(f"import math\ndef entry(x):\n    {body}\n", "f")
+        modules(program, "f")

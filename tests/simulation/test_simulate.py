@@ -700,7 +700,7 @@ def test_what_cannot_be_compiled_runs_plainly(oscillator, simulator_of, monkeypa
 def test_the_program_holds_all_it_calls(pair, simulator_of):
     """Its text runs on its own, with nothing of the package around it."""
     simulator = simulator_of(pair(d=0.14))
-    namespace = {"compile": lambda function: function}
+    namespace = {}
     exec(one_coordinate.program_of(simulator.machine.motions).text, namespace)
     at, when, rows = [0, 0, 0], [0.25, 0.5, math.inf], [[0] * 200 for _ in COLUMNS]
     assert namespace["entry"](*simulator.machine.body, at, when, *rows, (200, 10**9)) == 200
