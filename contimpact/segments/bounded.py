@@ -144,7 +144,9 @@ def bounded_kernel(kernel: Kernel, only: int | None = None) -> Callable[..., Any
     names: dict[str, Any] = {function.__name__: function for function in OPERATIONS.values()}
     _Rewriter(names, kernel.functions).visit(tree)
     tree.name = f"bounded_{tree.name}"
-    return _function_of(ast.unparse(ast.fix_missing_locations(tree)), tree.name, names)
+    function = _function_of(ast.unparse(ast.fix_missing_locations(tree)), tree.name, names)
+    function.family = Family.CLOSED  # type: ignore[attr-defined]
+    return function
 
 
 def _function_of(text: str, name: str, names: dict[str, Any]) -> Callable[..., Any]:
@@ -220,14 +222,20 @@ class _Rewriter(ast.NodeTransformer):
         own = f"{name}_of_pairs"
         if own not in self.names:
             function = math.pow if name in ("pow", "power") else self.functions[name]
-            found = function(*[0.5] * arguments)
-            results = len(found) if isinstance(found, tuple) else 1
-            text = _text_of_function(own, arguments, results, ROUGHER.get(name, 1.0))
-            # names of its own: `function` is another one in every text
-            names = {"steeper": steeper, "function": function, "UNIT": UNIT, "NEARBY": NEARBY}
-            self.names[own] = _function_of(text, own, names)
+            self.names[own] = _function_of_pairs(own, function, arguments, ROUGHER.get(name, 1.0))
         function_of_pairs: Callable[..., Any] = self.names[own]
         return function_of_pairs
+
+
+@functools.lru_cache(maxsize=256)
+def _function_of_pairs(
+    name: str, function: Callable[..., Any], arguments: int, rougher: float
+) -> Callable[..., Any]:
+    """A function of floats as one of pairs, which is the same for all kernels."""
+    found = function(*[0.5] * arguments)
+    results = len(found) if isinstance(found, tuple) else 1
+    names = {"steeper": steeper, "function": function, "UNIT": UNIT, "NEARBY": NEARBY}
+    return _function_of(_text_of_function(name, arguments, results, rougher), name, names)
 
 
 def _is_constant(node: ast.expr) -> bool:
