@@ -118,6 +118,16 @@ class ZeroVelocity(ScalarTest):
         adds = any(sliding_kind_of_zero_duration(problem, k) == ADDING for k in around)
         return None if adds else ScalarForm("reached", impact)
 
+    def enters(self, point: OrbitPoint, index: int) -> bool:
+        """Where both flights beside an impact vanish with its velocity, the quotient passes
+        infinity; that they vanish is an event of its own."""
+        return index >= self.together and self.alone[index - self.together].merges(point)
+
+    def accept(self, event: OrbitEvent) -> bool:
+        """Where the quotient passes infinity, it has no zero."""
+        index = event.details["index"]
+        return index < self.together or self.alone[index - self.together].vanishes(event.point)
+
     def place(self, index: int) -> int:
         """Return the number of the impact, or of the first of those that meet."""
         return [*self.impacts, *self.excursions, *(one.impact for one in self.alone)][index]
@@ -137,6 +147,14 @@ class ZeroVelocity(ScalarTest):
         return told | {"flight": (impact - 1) % len(problem.word)}
 
 
+MERGING = 1e-2
+"""Flights beside an impact that are both below this part of the period vanish with it nearby."""
+
+ALONE = 1e-3
+"""A velocity vanishes alone if its part of the largest is below this part of what the shortest
+flight beside it is of the period: at rounding instead of near one."""
+
+
 class VelocityBetweenExcursions:
     """The velocity of an impact between excursions, towards its wall, over their durations."""
 
@@ -152,6 +170,22 @@ class VelocityBetweenExcursions:
         there = least > INSTANT * orbits.spans
         over = np.where(there, np.prod(lengths[:, self.flights], axis=1), np.nan)
         return self.side * orbits.unknowns[:, self.velocity] / over
+
+    def durations_at(self, point: OrbitPoint) -> list[float]:
+        """Return those of the flights beside it."""
+        ends = [point.evaluation.problem.times_around(point.unknowns, k) for k in self.flights]
+        return [abs(end - begin) for begin, end in ends]
+
+    def merges(self, point: OrbitPoint) -> bool:
+        """Whether both flights beside it are short."""
+        return max(self.durations_at(point)) < MERGING * point.evaluation.span
+
+    def vanishes(self, point: OrbitPoint) -> bool:
+        """Whether the velocity does, and the flights last."""
+        here, z = point.evaluation, point.unknowns
+        speeds = np.abs(z[1 :: here.problem.m][: len(here.problem.word)])
+        most = ALONE * np.max(speeds) * min(self.durations_at(point))
+        return bool(abs(z[self.velocity]) * here.span < most)
 
     def gradient(self, problem: OrbitProblem, z: Array, durations: ZeroDuration) -> Array:
         """Return the gradient of one of them, shape (n + 1,)."""

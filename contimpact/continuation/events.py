@@ -217,7 +217,7 @@ def locate(
             if not test.vanishing:
                 if b - a < CLOSED_IN:
                     break
-                return missed(NO_VALUE, a, b)
+                return None if _enters(test, arc, index, a, b) else missed(NO_VALUE, a, b)
             width = min(1.0, test.vanishing / abs(fb - fa)) * (b - a)
             return _locate_by_bracket(test, arc, guess, index, width)
         if (value >= 0.0) == (fa >= 0.0):
@@ -229,13 +229,16 @@ def locate(
     assert guess is not None
     most = max(abs(left), abs(right))
     if min(abs(fa), abs(fb)) > SHRUNK * most:
-        sides = arc.left if a == 0.0 else arc.at(a), arc.right if b == 1.0 else arc.at(b)
-        if any(side is not None and test.enters(side, index) for side in sides):
-            return None
-        return missed(JUMPS, a, b)
+        return None if _enters(test, arc, index, a, b) else missed(JUMPS, a, b)
     event = _locate_by_bracket(test, arc, guess, index, 0.0 if value == 0.0 else b - a)
     jumps = max(abs(fa), abs(fb)) > JUMPED * most and value != 0.0
     return missed(JUMPS, a, b) if jumps and test.accept(event) else event
+
+
+def _enters(test: TestFunction, arc: Arc, index: int, a: float, b: float) -> bool:
+    """Whether nothing is missed though there is no zero between two fractions of an arc."""
+    sides = arc.left if a == 0.0 else arc.at(a), arc.right if b == 1.0 else arc.at(b)
+    return any(side is not None and test.enters(side, index) for side in sides)
 
 
 def _next_fraction(a: float, b: float, fa: float, fb: float, attempt: int) -> float:

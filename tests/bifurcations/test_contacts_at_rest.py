@@ -24,6 +24,7 @@ from contimpact.orbits.orbit import Orbit
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import solve_near
 from contimpact.segments.kernels import Kernels
+from contimpact.systems.soft_stop import SoftStop
 
 
 def branch(limits, guess, events=("FB", "V"), **changes):
@@ -150,3 +151,23 @@ def test_a_multiplier_is_no_event_where_the_velocity_it_is_divided_by_is_roundin
     here = problem.evaluate(unknowns)
     event = SimpleNamespace(point=SimpleNamespace(evaluation=here))
     assert all(has_multiplier(event, value) for value in here.multipliers)
+
+
+@pytest.mark.parametrize(
+    "guess",
+    [
+        [2.0552, -0.9507, 9.2485, -0.0092, 9.2984, 0.0094, 9.2485, -0.0092, 7.05708669],
+        [2.1032, -0.7725, 5.6136, 0.34, 6.8087, -0.611, 7.7372, 0.4585, 20.0],
+    ],
+)
+def test_a_velocity_that_vanishes_with_both_flights_beside_it_is_no_v_of_its_own(guess):
+    """Three impacts merge: both flights are marked, and the velocity over both durations, which
+    passes infinity there, neither is nor counts as missed."""
+    model = SoftStop(a=1.0, omega=1.3, c=0.1, k=1.0, e=0.5, k_b=guess[-1], c_b=0.3)
+    problem = OrbitProblem(model, Word("CRCR", 2), Kernels(model, "k_b"))
+    orbit = Orbit(problem, solve_near(problem, np.array(guess)))
+    found = continue_orbit(orbit, "k_b", (6.0, guess[-1] + 0.1), events=["V"])
+    merging = [event for event in found.events if abs(event.value - 7.055479307036) < 1e-11]
+    assert sorted(event.impact for event in merging) == [1, 2]
+    assert all(event.residual < 1e-9 for event in found.events)
+    assert not found.missed
