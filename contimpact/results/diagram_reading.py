@@ -407,15 +407,19 @@ def _join_at_seam(intervals: list[Interval]) -> list[Interval]:
 def _bistable(
     stable: Sequence[Interval], member: Mapping[str, tuple[float, ...]]
 ) -> list[Bistability]:
-    found = []
+    found: list[Bistability] = []
     for i, one in enumerate(stable):
         for other in stable[i + 1 :]:
             low, high = max(one.low, other.low), min(one.high, other.high)
-            wide = high - low > SAME_VALUE * max(abs(low), abs(high))
-            if wide and member[one.branch] == member[other.branch]:
-                names = (one.branch, other.branch), (one.notation, other.notation)
+            same = SAME_VALUE * max(abs(low), abs(high))
+            names = (one.branch, other.branch), (one.notation, other.notation)
+            known = any(
+                b.branches == names[0] and abs(b.low - low) + abs(b.high - high) < same
+                for b in found
+            )
+            if high - low > same and member[one.branch] == member[other.branch] and not known:
                 found.append(Bistability(*names, low, high))
-    return list(dict.fromkeys(found))
+    return found
 
 
 def _transition(

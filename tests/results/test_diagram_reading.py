@@ -13,7 +13,7 @@ from contimpact.continuation.branch import EndKind
 from contimpact.diagrams.explore import follow
 from contimpact.plots.lines import runs
 from contimpact.results.catalogue import load_diagram
-from contimpact.results.diagram_reading import read, stable_intervals
+from contimpact.results.diagram_reading import Interval, _bistable, read, stable_intervals
 from contimpact.results.scene import load_scene, read_scene
 
 BRANCHES = ROOT / "branches"
@@ -171,3 +171,14 @@ def test_orbits_on_both_sides_of_a_pitchfork_are_stable_in_intervals_of_their_ow
     declared = {e.kind: e.value for e in load_diagram(BRANCHES / "two_stops").entries}
     assert both.low == pytest.approx(declared["PD"], abs=1e-13)
     assert both.high == pytest.approx(declared["BP"], abs=1e-13)
+
+
+def test_bistability_that_differs_by_rounding_is_told_once():
+    """Mirrored stretches of one branch end at the same values, to the last digits at best."""
+    bounds = ("FB", "PD")
+    ends = [(0.9, 1.1), (0.9 * (1.0 + 1e-15), 1.1), (0.9, 1.0)]
+    stable = [Interval("b2", "1:1", *pair, bounds) for pair in ends]
+    stable.append(Interval("b3", "2:2", 0.8, 0.95, bounds))
+    member = {"b2": (), "b3": ()}
+    both = [b for b in _bistable(stable, member) if b.branches == ("b2", "b3")]
+    assert [(b.low, b.high) for b in both] == [(0.9, 0.95)]
