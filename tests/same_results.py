@@ -46,7 +46,8 @@ REPORTED = ["fig7", "stop"]
 UNREPORTED = ["soft_stop"]
 """It starts from an orbit without impacts, of which there are no reports."""
 
-INTEGRATED = ["duffing", "pendulum"]
+INTEGRATED = ["belt_free", "coco_bang_bang", "coco_piecewise", "coco_stick_slip"]
+INTEGRATED += ["duffing", "impact_duffing", "pendulum"]
 """Scenes whose flights compiled code integrates itself: they differ from plain ones by rounding."""
 
 _NEWEST = "X86_V4 AVX512_ICL AVX512_SPR"
