@@ -554,6 +554,7 @@ class OrbitProblem:
         self.kinds = tuple(zip(word.walls, following, strict=True))
         self.segments = [kernels.segment(a, b) for a, b in self.kinds]
         self.arrivals = tuple(kernels.arrival(a, b) for a, b in self.kinds)
+        self._elsewhere = np.array([arrival == ELSEWHERE for arrival in self.arrivals])
         self.excursions = self._excursions()
         self.lost = self._lost()
         self._place_blocks()
@@ -876,8 +877,8 @@ class OrbitProblem:
         velocity in a wave of the forcing, or by that velocity, where it is over the duration.
         """
         sizes = scale[: self.n].reshape(-1, self.m) / math.sqrt(len(self.word))
-        sizes, elsewhere = np.roll(sizes, -1, axis=0), np.array(self.arrivals) == ELSEWHERE
-        sizes[:, 0] = np.where(elsewhere, sizes[:, 0], 1.0) * sizes[:, 1]
+        sizes = np.concatenate([sizes[1:], sizes[:1]])
+        sizes[:, 0] = np.where(self._elsewhere, sizes[:, 0], 1.0) * sizes[:, 1]
         return sizes.ravel()
 
     def natural_units(self, unknowns: Array) -> Array:
@@ -891,10 +892,12 @@ class OrbitProblem:
             return units
         setup, rates = self.setup(unknowns), np.abs(self.impacts(unknowns)[:, 1::2])
         fastest = max(float(np.max(rates)), max(map(abs, setup.walls)) / abs(setup.period))
-        one = np.full(self.m, fastest or 1.0)
-        one[::2] *= self.period(unknowns)
-        one[0] = self.period(unknowns)
-        return np.append(np.tile(one, len(self.word)), self._units_of_parameters(unknowns))
+        units = np.full(self.n + self.free, fastest or 1.0)
+        impacts = units[: self.n].reshape(-1, self.m)
+        impacts[:, ::2] *= setup.period
+        impacts[:, 0] = setup.period
+        units[self.n :] = self._units_of_parameters(unknowns)
+        return units
 
     def size_of_gaps(self, here: Linearisation) -> float:
         """Return the natural size of gaps: the way at the largest velocity in a period."""
@@ -958,12 +961,12 @@ class OrbitProblem:
     def difference(self, one: Array, other: Array) -> Array:
         """Return one - other as orbits: zero up to whole periods and rotations of the word."""
         period, span, shifts = self.period(one), self.span(other), self.word.rotations()
+        impacts = self.impacts(other)
         units = self.natural_units(other) if len(shifts) > 1 else 1.0
         best, least = None, math.inf
         for shift in shifts:
-            moved = np.roll(self.impacts(other), -shift, axis=0).copy()
-            if shift:
-                moved[len(self.word) - shift :, 0] += span
+            moved = np.concatenate([impacts[shift:], impacts[:shift]])
+            moved[len(moved) - shift :, 0] += span
             gap = self.impacts(one) - self.placed(moved, span)
             if not self.autonomous:
                 gap[:, 0] -= period * np.round(np.mean(gap[:, 0]) / period)
