@@ -573,6 +573,10 @@ def _columns(points: Sequence[Point], marks: Sequence[tuple[Point, str]]) -> dic
     named.sort(key=lambda pair: pair[0].arclength)
     sides = [1.0, -1.0]
     rows = [_row(point, sides) | {"event": mark} for point, mark in named]
+    for before, row, after in zip(rows, rows[1:], rows[2:], strict=False):
+        # what an orbit violates on one side of a marked point vanishes there but for rounding
+        if row["event"] not in ("", REQUESTED) and before["physical"] != after["physical"]:
+            row |= {"physical": 1, "reason": ""}
     columns = {}
     for name, first in rows[0].items():
         kind = {str: object, int: np.int64}.get(type(first), float)

@@ -209,3 +209,13 @@ def test_scenes_that_are_refused(third, message):
             detect={"events": ["PD", "G"]},
             curves={"parameter": "r", "range": [0.0, 0.95], "third": third},
         )
+
+
+def test_a_marked_point_is_physical_if_its_curve_is_on_one_side():
+    """Where a doubling's orbit touches it violates nothing but rounding."""
+    _, curve, _ = curve_at("s", "PD")
+    places = [row for row, mark in enumerate(curve["event"]) if mark not in ("", "UZ")]
+    sides = [(curve["physical"][row - 1], curve["physical"][row + 1]) for row in places]
+    changes = [row for row, pair in zip(places, sides, strict=True) if set(pair) == {0, 1}]
+    assert changes
+    assert all(curve["physical"][row] == 1 and not curve["reason"][row] for row in changes)
