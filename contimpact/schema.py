@@ -66,7 +66,7 @@ class Key:
     """Keys of the dataclass that is the field's type which are in the same table, and what is
     otherwise in their rules here."""
     silent: bool = False
-    """Whether it is written only if it says something."""
+    """Whether it is written only where it differs from the default."""
     column: bool = False
     """Whether it is a column where records are rows of a table."""
     accepted: str = ""
@@ -353,7 +353,7 @@ def written(one: Any) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for field, _, rule in keys_of(typing.cast(Any, type(one))):
         value = getattr(one, field.name)
-        if (value is None and not rule.write) or (rule.silent and value in (False, ())):
+        if (value is None and not rule.write) or (rule.silent and value == field.default):
             continue
         into = found.setdefault(rule.table, {}) if rule.table else found
         if rule.inline:

@@ -66,6 +66,27 @@ def test_a_key_is_added_in_one_place():
         read_scene(longer)
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Quieter(Scene):
+    """A scene with keys that are written only where they say something."""
+
+    eager: bool = key(True, "whether to hurry", table="follow", silent=True)
+    delay: int = key(3, "how long to hesitate", table="follow", least=0, silent=True)
+
+
+@pytest.mark.parametrize(
+    ("eager", "delay", "said"),
+    [(True, 3, {}), (False, 3, {"eager": False}), (True, 0, {"delay": 0})],
+)
+def test_a_silent_key_is_written_where_it_is_not_the_default(eager, delay, said):
+    """Else the scene that was run could not be told from what a run has written."""
+    given = {**LEAST, "follow": {**LEAST["follow"], "eager": eager, "delay": delay}}
+    scene = read(Quieter, given)
+    follow = written(scene)["follow"]
+    assert {name: follow[name] for name in ("eager", "delay") if name in follow} == said
+    assert read(Quieter, written(scene)) == dataclasses.replace(scene, given={})
+
+
 @pytest.mark.parametrize("name", tool("key_tables").PAGES)
 def test_tables_of_the_documentation_are_made_from_the_keys(name):
     """``python tools/key_tables.py`` writes them."""
