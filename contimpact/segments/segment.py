@@ -11,6 +11,8 @@ its order; derivatives are taken with respect to the `Source.parameters` among t
 
 from __future__ import annotations
 
+import builtins
+import dis
 import functools
 import math
 import types
@@ -51,8 +53,10 @@ class Arithmetic:
     """What the names in a kernel stand for."""
 
     names: dict[str, Any]
-    """Functions, ``nan``, and what lays results out. An exact arithmetic has ``pi`` and ``ratio``
-    besides."""
+    """Those of `FUNCTIONS`, ``nan``, and `PLAIN`; as far as kernels call them, ``stumpff0`` to
+    ``stumpff11``, ``stumpffs3`` and ``stumpffs5`` for undamped motion, ``transients1``, ``2`` and
+    ``4`` for damped one, ``flow`` for linear flights and ``flown`` for integrated ones, as `FLOATS`
+    has them. An exact arithmetic has ``pi`` and ``ratio`` besides."""
     exact: bool = False
     """Whether constants are looked up among the names, rather than taken as floats."""
     number: Callable[[Number], Number] = _same
@@ -62,10 +66,23 @@ class Arithmetic:
 
 
 def evaluate_in(kernel: Kernel, arithmetic: Arithmetic) -> Callable[..., Any]:
-    """Return a kernel as a function of the numbers of an arithmetic."""
+    """Return a kernel as a function of the numbers of an arithmetic.
+
+    Raises InputError if the kernel calls what the arithmetic does not have.
+    """
     code = _exact_code(kernel.text) if arithmetic.exact else kernel.__code__
     names = arithmetic.names | kernel.functions if kernel.functions else arithmetic.names
+    if missing := [name for name in code.co_names if name not in names]:
+        _require_names(kernel, code, missing)
     return types.FunctionType(code, names, kernel.__name__)
+
+
+def _require_names(kernel: Kernel, code: types.CodeType, missing: Sequence[str]) -> None:
+    """Refuse a kernel that calls one of these; they may be attributes, or Python's own."""
+    called = {i.argval for i in dis.get_instructions(code) if i.opname == "LOAD_GLOBAL"}
+    if lacking := [name for name in missing if name in called and not hasattr(builtins, name)]:
+        found = f"it has no {', '.join(lacking)}, which the kernel {kernel.__name__} uses"
+        raise InputError("arithmetic", found, "add what FLOATS has by that name, for its numbers")
 
 
 def kernel_of(

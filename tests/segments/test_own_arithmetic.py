@@ -8,11 +8,14 @@ import mpmath
 import numpy as np
 import pytest
 
+from contimpact import InputError
 from contimpact.bifurcations.extended_system import solve
 from contimpact.bifurcations.kind import Equations, kind_of
 from contimpact.orbits.search import find_orbits
+from contimpact.segments.linear_flow import make_flow
 from contimpact.segments.segment import FUNCTIONS, PLAIN, Arithmetic
 from contimpact.systems.bouncing_ball import BouncingBall
+from contimpact.systems.impact_damper import ImpactDamper
 from contimpact.systems.impact_pair import ImpactPair
 
 STEP = 1e-30
@@ -22,7 +25,7 @@ class Clock(complex):
     """The time of an impact, which a kernel reduces to the forcing's period."""
 
     def __mod__(self, period):
-        return self - math.floor(self.real / period) * period
+        return self - math.floor(self.real / complex(period).real) * period
 
 
 def stumpff(k, q):
@@ -76,6 +79,35 @@ def test_events_are_linearised_by_imaginary_steps(here, kind):
     assert found.assemble(here, own).jacobian == pytest.approx(
         by_steps, rel=1e-10, abs=1e-11 * size
     )
+
+
+def exponential_series(one, z, product):
+    """The sums of z^k/(k + 1)! and of (k + 1) z^k/(k + 2)!, of matrices smaller than one."""
+    power, mean, slope = one, 0, 0
+    for k in range(20):
+        mean = mean + power / math.factorial(k + 1)
+        slope = slope + power * ((k + 1) / math.factorial(k + 2))
+        power = product(power, z)
+    return mean, slope
+
+
+def test_linear_flights_take_a_function_of_their_own():
+    """Without `flow` in it the arithmetic is refused, and the message names what is missing."""
+    damper = ImpactDamper(Omega=1.0, d=20.0, r=0.8, mu=0.1, zeta=0.01)
+    orbit = find_orbits(damper, "RL", parameter="d")[0].linearisation
+    kind, details = kind_of("T"), {"flight": 0}
+    rest = COMPLEX.names | {"floor": lambda x: math.floor(x.real)}
+
+    def by_steps(names):
+        equations = Equations(orbit.problem, Arithmetic(names, number=complex, time=Clock))
+        system, _ = kind.in_many_digits(equations, orbit.unknowns, details)
+        return jacobian(system, orbit.unknowns.tolist())
+
+    with pytest.raises(InputError, match="it has no flow, which the kernel flight_R_L uses"):
+        by_steps(rest)
+    found = by_steps(rest | {"flow": make_flow(exponential_series)})
+    exact = kind.equations(orbit.problem, details).assemble(orbit, np.zeros(0)).jacobian
+    assert exact == pytest.approx(found, rel=1e-10, abs=1e-11 * np.max(np.abs(found)))
 
 
 LONG = np.longdouble
