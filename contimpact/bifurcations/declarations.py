@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 import re
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, cast
@@ -59,6 +60,22 @@ FILES = {kind.name: kind.file for kind in DECLARED}
 KINDS = tuple(FILES)
 """Every kind that is looked for along branches."""
 
+
+# Kinds of a user's own are classes: there is none before the class they derive from is imported.
+
+
+def own_kinds() -> tuple[str, ...]:
+    """Return the names of a user's own kinds, as far as their classes are defined."""
+    base = sys.modules.get(f"{__package__}.kind")
+    return () if base is None else tuple(dict.fromkeys(base.names_of_own_kinds()))
+
+
+def is_kind(defined: type) -> bool:
+    """Whether a class is one of a kind."""
+    base = sys.modules.get(f"{__package__}.kind")
+    return base is not None and issubclass(defined, base.Kind)
+
+
 SYNONYMS = {
     **dict.fromkeys(("LP", "LPC", "SN", "F", "CF"), "folds are FB here"),
     **dict.fromkeys(("TR", "HB", "H"), "tori are born at NS here"),
@@ -70,10 +87,10 @@ SYNONYMS = {
 """Names of kinds elsewhere, and what they are here."""
 
 
-def unknown_kind(name: object, where: str, own: Iterable[str] = ()) -> InputError:
+def unknown_kind(name: object, where: str, more: str = "") -> InputError:
     """Return the refusal of a name that no kind of event has, of the package or of one's own."""
     hint = f"; {SYNONYMS[name]}" if isinstance(name, str) and name in SYNONYMS else ""
-    accepted = f"accepted are {', '.join(dict.fromkeys([*KINDS, *own]))}{hint}"
+    accepted = f"accepted are {', '.join(dict.fromkeys([*KINDS, *own_kinds()]))}{more}{hint}"
     return InputError(where, f"no event kind {short_repr(name)}", accepted)
 
 

@@ -410,8 +410,7 @@ class UnknownKind(Kind):
         self.name = name
 
     def test(self, problem: OrbitProblem, values: Values) -> TestFunction[Linearisation]:
-        names = (getattr(kind, "name", None) for kind in _subclasses(Kind))
-        raise unknown_kind(self.name, "events", (name for name in names if name))
+        raise unknown_kind(self.name, "events")
 
 
 def kind_of(name: str) -> Kind:
@@ -424,6 +423,12 @@ def kind_of(name: str) -> Kind:
         return _load_kind(name)
     own = [kind for kind in _subclasses(Kind) if getattr(kind, "name", None) == name]
     return own[-1]() if own else UnknownKind(name)
+
+
+def names_of_own_kinds() -> Iterator[str]:
+    """Yield the names of the kinds that are not declared."""
+    names = (getattr(kind, "name", None) for kind in _subclasses(Kind))
+    return (name for name in names if name and name not in FILES)
 
 
 @functools.cache

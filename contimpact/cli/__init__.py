@@ -293,7 +293,7 @@ def parser() -> argparse.ArgumentParser:
         argument(
             command,
             "--system FILE",
-            "Python file that defines a system of your own; may be given several times",
+            "Python file that defines a system or a kind of event of your own; may be repeated",
             action="append",
             default=[],
         )

@@ -24,6 +24,8 @@ from ..bifurcations.declarations import (
     KINDS,
     SECOND,
     SWITCHES,
+    is_kind,
+    own_kinds,
     unknown_kind,
     usual_events,
     wanted_kinds,
@@ -191,7 +193,7 @@ def _key(lines: list[str], number: int) -> str:
     return f"{table}.{statement[1]}" if table else statement[1]
 
 
-# Systems of the user's own, from Python files that are named on the command line.
+# Systems and kinds of events of the user's own, from Python files named on the command line.
 #
 # A scene is data and never names code: which file is run is the explicit choice of the one who
 # gives the command.
@@ -201,10 +203,11 @@ DEFINE = "define a subclass of Model in it, with SYSTEM, PARAMETERS, WALLS and f
 
 def systems_of(files: Iterable[str]) -> dict[str, type[Model]]:
     """Run Python files, and return the systems that they define, by name. Each file's folder is
-    searched for modules that it imports, after all other places.
+    searched for modules that it imports, after all other places. Kinds of events that a file
+    defines are found by their classes.
 
-    Raises InputError naming the file, if it cannot be read or run, defines no system, or one of a
-    name that is taken.
+    Raises InputError naming the file, if it cannot be read or run, defines neither a system nor a
+    kind, or one of a name that is taken.
     """
     found: dict[str, type[Model]] = {}
     for file in dict.fromkeys(files):
@@ -261,18 +264,21 @@ def _error_line(error: BaseException, file: str) -> str:
 
 
 def _defined_systems(module: ModuleType, file: str) -> list[type[Model]]:
-    """The systems that a module defines itself."""
-    found = [
+    """The systems that a module defines itself; it may define kinds of events alone."""
+    own = [
         value
         for value in vars(module).values()
-        if isinstance(value, type)
-        and issubclass(value, Model)
-        and value.__module__ == module.__name__
-        and "SYSTEM" in vars(value)
+        if isinstance(value, type) and value.__module__ == module.__name__
     ]
-    if not found:
+    kinds = [kind for kind in own if is_kind(kind)]
+    for kind in kinds:
+        if (name := getattr(kind, "name", None)) in KINDS:
+            found = f"{kind.__name__}.name is {name!r} as in the package"
+            raise InputError(file, found, "give it another name, in the scene too")
+    systems = [kind for kind in own if issubclass(kind, Model) and "SYSTEM" in vars(kind)]
+    if not systems and not kinds:
         raise InputError(file, "it defines no system", DEFINE)
-    return list(dict.fromkeys(found))
+    return list(dict.fromkeys(systems))
 
 
 LARGEST_FILE = 1_000_000
@@ -379,8 +385,8 @@ def _orbits(texts: tuple[str, ...], where: str, here: Any) -> tuple[Word, ...]:
 
 
 def _kind(kind: str, where: str, here: Any) -> str:
-    if kind not in KINDS:
-        raise unknown_kind(kind, where)
+    if kind not in KINDS and kind not in own_kinds():
+        raise unknown_kind(kind, where, ", and a kind of your own by --system FILE.py")
     return kind
 
 
@@ -624,7 +630,7 @@ class Scene(ParameterItems):
         words = []
         if unasked:
             words.append(f"events {', '.join(unasked)}: not asked for, not evaluated")
-        if not set(self.events) & {*SECOND}:
+        if set(self.events) <= {*KINDS} - {*SECOND}:
             words.append("second derivatives: no event needs them, not generated")
         if self.curves is None:
             words.append("curves: no [curves]")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 import os
 import subprocess
 import sys
@@ -68,9 +70,39 @@ def test_without_it_the_scene_is_refused(folder, capsys):
     assert "and a system of your own by --system FILE.py" in error
 
 
+MU = (ROOT / "examples" / "requested_multiplier.py").read_text(encoding="utf-8")
+HALF = MU.replace('name = "MU"', 'name = "HALF"')
+HALF_AT = math.hypot(math.pi / 3, (1.25 - 0.5 - 0.25 / 0.5) / 2.25) * 9.8 / 50**2
+"""The amplitude at which a multiplier of the ball's orbit is 0.5, where r = 0.5; see `amplitude` in
+tests/bifurcations/test_kinds.py."""
+
+
+def test_a_kind_of_ones_own_in_a_scene(folder, capsys):
+    """It is located and drawn; without its file it is refused."""
+    (folder / "half.py").write_text(HALF)
+    scene = SCENE.replace('"PD"]', '"HALF"]\n[plot]\nhtml = true')
+    (folder / "scene.toml").write_text(scene)
+    ball, half = ["--system", "my_ball.py"], ["--system", "half.py"]
+    alone = subprocess.run(
+        [sys.executable, "-m", "contimpact", "check", "scene.toml", *ball],
+        capture_output=True,
+        text=True,
+    )
+    assert alone.returncode == 2
+    assert "no event kind 'HALF'" in alone.stderr
+    assert "UZ, and a kind of your own by --system FILE.py" in alone.stderr
+    assert main(["run", "scene.toml", "-o", "out", "-q", *ball, *half]) == 0
+    entries = json.loads((folder / "out" / "catalogue.json").read_text())["entries"]
+    (found,) = (entry for entry in entries if entry["kind"] == "HALF")
+    assert found["method"] == "newton"
+    assert abs(found["parameters"]["a"] - HALF_AT) <= found["error"] < 1e-15
+    assert '"HALF":{"marker":"d"' in (folder / "out" / "diagram.html").read_text()
+
+
 @pytest.mark.parametrize(
     ("name", "text", "says"),
     [
+        ("own.py", MU.replace('name = "MU"', 'name = "G"'), "MU.name is 'G' as in the package"),
         ("none.py", None, "none.py: no such file"),
         ("scene.toml", SCENE, "scene.toml: no Python file; give a file that ends in .py"),
         ("own.py", "import nothing_of_that_name", "(ModuleNotFoundError: No module named"),
