@@ -13,6 +13,9 @@ import pytest
 from matplotlib._mathtext_data import tex2uni
 from zoo import ROOT
 
+from contimpact.bifurcations.declarations import KINDS
+from contimpact.systems import SYSTEMS
+
 PAGES = [
     *sorted(ROOT.glob("docs/*.md")),
     *sorted(ROOT.glob("docs/development/*.md")),
@@ -133,3 +136,16 @@ def test_the_newest_changes_begin_with_a_summary():
     summary, *headings = newest.split("\n### ")
     assert len(summary.strip().splitlines()) <= 25
     assert headings
+
+
+def test_pages_name_every_kind_and_every_system():
+    """Where users look for them: the table of events, the short list, the key `system`."""
+    mathematics, quick, scene = (
+        (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
+        for page in ("mathematics", "quick", "scene")
+    )
+    (listed,) = (line for line in quick.splitlines() if line.startswith("The kinds of events are"))
+    (systems,) = (line for line in scene.splitlines() if line.startswith("| `system` |"))
+    assert [kind for kind in KINDS if f"\n| {kind} | " not in mathematics] == []
+    assert [kind for kind in KINDS if not re.search(rf"\b{kind} ", listed)] == []
+    assert [name for name in SYSTEMS if f'`"{name}"`' not in systems] == []
