@@ -159,20 +159,10 @@ def follow(scene: Scene | str | Path | Mapping[str, Any], progress: Asked = None
         tell = RememberedProgress(told)
         explorer = _Explorer(scene, tell)
         diagram = explorer.run()
-        if scene.crises and not diagram.statistics["failure"]:
-            from .crises import add_crises, locate_in_scene
-
-            crises: list[Any] = []
-            try:
-                locate_in_scene(scene, diagram, crises, tell)
-            except ENDING as error:
-                cut_short = {**diagram.statistics, "failure": failure_of(error)}
-                diagram = replace(diagram, statistics=cut_short)
-            diagram = add_crises(diagram, crises)
-        if scene.curves is not None and not diagram.statistics["failure"]:
-            from .map_explorer import add_map
-
-            diagram = add_map(scene, diagram, tell)
+        if scene.crises:
+            diagram = _with(_add_crises, scene, diagram, tell)
+        if scene.curves is not None:
+            diagram = _with(_add_map, scene, diagram, tell)
         if not diagram.branches and not diagram.statistics["failure"]:
             explorer.look_elsewhere()
             raise refusal(list(explorer.lacking.values()), explorer.settled)
@@ -180,6 +170,40 @@ def follow(scene: Scene | str | Path | Mapping[str, Any], progress: Asked = None
         if scene.outputs or scene.margins is not None:
             diagram = _with_columns(scene, diagram, tell)
     return diagram
+
+
+def _with(
+    add: Callable[[Scene, Diagram, RememberedProgress], Diagram],
+    scene: Scene,
+    diagram: Diagram,
+    tell: RememberedProgress,
+) -> Diagram:
+    """The diagram with what is added to one that has not ended early, or as it is where that ends
+    early itself, without a part to keep: as while its modules are imported."""
+    if diagram.statistics["failure"]:
+        return diagram
+    try:
+        return add(scene, diagram, tell)
+    except ENDING as error:
+        return replace(diagram, statistics={**diagram.statistics, "failure": failure_of(error)})
+
+
+def _add_crises(scene: Scene, diagram: Diagram, tell: RememberedProgress) -> Diagram:
+    from .crises import add_crises, locate_in_scene
+
+    crises: list[Any] = []
+    try:
+        locate_in_scene(scene, diagram, crises, tell)
+    except ENDING as error:
+        cut_short = {**diagram.statistics, "failure": failure_of(error)}
+        diagram = replace(diagram, statistics=cut_short)
+    return add_crises(diagram, crises)
+
+
+def _add_map(scene: Scene, diagram: Diagram, tell: RememberedProgress) -> Diagram:
+    from .map_explorer import add_map
+
+    return add_map(scene, diagram, tell)
 
 
 def _stopped_at(diagram: Diagram, last: str) -> Diagram:
@@ -204,9 +228,13 @@ def _with_columns(scene: Scene, diagram: Diagram, tell: RememberedProgress) -> D
     if outputs:
         fill["means of outputs"] = lambda branch: fill_outputs(branch, outputs, model)
     if margins is not None:
-        from .margins import fill_margins
 
-        fill["margins"] = lambda branch: fill_margins(branch, margins, model, entries)
+        def with_margins(branch: Branch) -> list[str]:
+            from .margins import fill_margins
+
+            return fill_margins(branch, margins, model, entries)
+
+        fill["margins"] = with_margins
     found = [_with_blanks(branch, scene) for branch in diagram.branches]
     left = [(what, number) for what in fill for number in range(len(found))]
     if diagram.statistics["failure"] != INTERRUPTED:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import sys
 
 import numpy as np
 import pytest
@@ -267,6 +268,31 @@ def test_after_an_interruption_no_margins_are_sought(monkeypatch):
     assert part.statistics["stopped"].startswith("following b1")
     assert np.isnan(part.branches[0]["margin"]).all()
     assert len(part.branches[0].notes) == 2
+
+
+@pytest.mark.parametrize(
+    ("module", "asked"),
+    [
+        ("map_explorer", {"curves": {"parameter": "r", "range": [0.2, 0.4]}}),
+        ("crises", {"detect": {"events": ["PD"], "crises": True}}),
+        ("margins", {"margins": MARGINS["margins"]}),
+    ],
+)
+def test_an_interruption_while_modules_are_imported_keeps_the_branches(module, asked, monkeypatch):
+    """Importing those of a map takes as long as branches do."""
+
+    class Interrupting:
+        @staticmethod
+        def find_spec(name, path, target=None):
+            if name.endswith(f".diagrams.{module}"):
+                raise KeyboardInterrupt
+
+    monkeypatch.delitem(sys.modules, f"contimpact.diagrams.{module}", raising=False)
+    monkeypatch.setattr(sys, "meta_path", [Interrupting, *sys.meta_path])
+    small = {**MARGINS["follow"], "switch": []}
+    diagram = follow({"name": "small", "model": SCENE["model"], "follow": small, **asked})
+    assert diagram.statistics["failure"] == "interrupted"
+    assert [branch.notation for branch in diagram.branches] == ["1:1", "1:1"]
 
 
 def test_a_failure_in_the_search_for_crises_keeps_the_branches(monkeypatch):
