@@ -42,3 +42,14 @@ class Settings:
         if not self.min_step <= self.step <= self.max_step:
             found = f"min_step = {self.min_step}, step = {self.step}, max_step = {self.max_step}"
             raise InputError("step", found, "keep them in this order")
+
+
+NARROWEST = 1e-12
+"""A range narrower than this part of its limits cannot be walked in doubles."""
+
+
+def require_width(low: float, high: float, where: str) -> None:
+    """Raise `InputError` for a range that is too narrow to be walked in."""
+    if high - low < max(NARROWEST * max(abs(low), abs(high)), 1e-100):
+        found = f"({low}, {high}) is as narrow as rounding"
+        raise InputError(where, found, "give a wider range")

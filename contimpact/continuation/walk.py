@@ -44,7 +44,7 @@ from .corrector import (
 )
 from .crossing_branches import Find, Meeting, MeetingRecord
 from .events import find_events
-from .settings import Settings
+from .settings import Settings, require_width
 from .sign_changes import Samples, Stretch
 from .step import (
     FIRST_POINT,
@@ -118,9 +118,6 @@ def retry_interrupted(make: Callable[[], T]) -> T:
 
 # The range of the free parameter, and the points on its limits.
 
-NARROWEST = 1e-12
-"""A range narrower than this part of its limits cannot be walked in doubles."""
-
 NEAR_LIMIT = 1e-9
 """A test function smaller than this part of its value one step before may vanish on a limit."""
 
@@ -132,9 +129,7 @@ def check(start: Array, direction: int, limits: tuple[float, float]) -> None:
         raise InputError("direction", f"found {direction!r}", "give +1 or -1")
     if not (np.isfinite(low) and np.isfinite(high) and low < high):
         raise InputError("limits", f"found ({low}, {high})", "give two finite numbers, low < high")
-    if high - low < max(NARROWEST * max(abs(low), abs(high)), 1e-100):
-        found = f"({low}, {high}) is as narrow as rounding"
-        raise InputError("limits", found, "give a wider range")
+    require_width(low, high, "limits")
     if not low <= start[-1] <= high:
         found = f"they do not hold the start, {start[-1]:.12g}"
         raise InputError("limits", found, "start within the limits")

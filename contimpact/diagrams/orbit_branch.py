@@ -34,7 +34,7 @@ from ..continuation.branch import (
 )
 from ..continuation.corrector import correct
 from ..continuation.events import separate_events, snap_to_points
-from ..continuation.settings import Settings
+from ..continuation.settings import Settings, require_width
 from ..continuation.walk import (
     SAME_SOLUTION,
     Options,
@@ -432,6 +432,7 @@ def check_range(
         at = f"{problem.parameter} = {start:.12g}"
         found = f"({low:.12g}, {high:.12g}) does not hold the start {at}"
         raise InputError("range", found, "give low < high around the start")
+    require_width(low, high, "range")
     problem.model.validate_between(problem.parameter, low, high, "range")
     return low, high
 

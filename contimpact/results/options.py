@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from ..bifurcations.declarations import CURVES
-from ..continuation.settings import Settings
+from ..continuation.settings import Settings, require_width
 from ..errors import InputError, require_known, short_repr
 from ..models.model import Model
 from ..schema import Table, fit, key
@@ -50,6 +50,7 @@ def range_around_start(
     if not low <= start <= high:
         found = f"[{low:.12g}, {high:.12g}] does not hold the start {name} = {start:.12g}"
         raise InputError(where, found, f"widen it or change model.parameters.{name}")
+    require_width(low, high, where)
     return low, high
 
 

@@ -306,6 +306,7 @@ BAD_SCENES = {
     "unknown system": ('"impact-pair"', '"impact"', "model.system"),
     "derived": ('parameter = "s"', 'parameter = "d"', "follow.parameter"),
     "start outside": ("[0.3, 0.4]", "[0.35, 0.4]", "follow.range"),
+    "narrow": ("[0.3, 0.4]", "[0.34, 0.3400000000001]", "follow.range"),
     "reversed": ("[0.3, 0.4]", "[0.4, 0.3]", "follow.range"),
     "bad word": ('["1:1"]', '["BTX"]', "follow.orbits[0]"),
     "no orbits": ('["1:1"]', "[]", "follow.orbits"),

@@ -460,6 +460,7 @@ def test_resonance_without_damping():
         ("follow/range", [0.08, 0.33]),
         ("follow/range", [1.05, 0.08]),
         ("follow/range", [0.34, 0.34]),
+        ("follow/range", [0.34, 0.34 + 1e-13]),
         ("follow/range", [-0.1, 1.05]),
         ("follow/range", [0.0, 1.05]),
         ("follow/orbits", []),
