@@ -178,11 +178,17 @@ def _unexplained(
     """Kinds that were asked for and are lacking: one for each multiplier that passes the unit
     circle between two points without an event."""
     ends = left.arclength, right.arclength
-    between = {event.kind for event in events if _lies_between(event, *ends, turn)}
+    between = [event.kind for event in events if _lies_between(event, *ends, turn)]
     if any(all(map(kind_of(kind).explains, Change)) for kind in between):
         return []
-    causes = [kinds for kinds in _causes_by_multiplier(left, right) if between.isdisjoint(kinds)]
-    return [kind for kinds in causes for kind in [k for k in kinds if k in asked][:1]]
+    lacking: list[str] = []
+    for kinds in _causes_by_multiplier(left, right):
+        found = next((kind for kind in between if kind in kinds), None)
+        if found is None:
+            lacking += [kind for kind in kinds if kind in asked][:1]
+        elif not kind_of(found).passed(None):
+            between.remove(found)
+    return list(dict.fromkeys(lacking))
 
 
 def _arc(problem: OrbitProblem, left: OrbitPoint, right: OrbitPoint, settings: Settings) -> Arc:
@@ -276,12 +282,21 @@ def _causes(left: OrbitPoint, right: OrbitPoint, change: Change) -> list[str]:
 
 
 def _causes_by_multiplier(left: OrbitPoint, right: OrbitPoint) -> list[list[str]]:
-    """The kinds of events of which one at least lies between two points, for each place at which
-    multipliers pass the unit circle there."""
-    above, below, pairs = np.subtract(_count_outside(left), _count_outside(right))
-    several = pairs or abs(above + below) > 1
-    passed = [value for value, moved in ((1.0, above), (-1.0, below), (None, several)) if moved]
-    return [[name for name in KINDS if kind_of(name).passed(value)] for value in passed]
+    """The kinds of events of which one lies between two points, for each multiplier that passes the
+    unit circle there; that of a pair passes two.
+
+    Two that meet on the real axis and leave it, or come back, pass nothing there: above 1 and below
+    -1 an odd number tells that one has passed, and all together how many more have.
+    """
+    moved = np.subtract(_count_outside(left), _count_outside(right))
+    passed = [value for value, number in zip((1.0, -1.0), moved, strict=False) if number % 2]
+    one, other, pairs = (_kinds_at(value) for value in (1.0, -1.0, None))
+    more = abs(sum(moved)) - len(passed)
+    return [*map(_kinds_at, passed), *[[*pairs, *one, *other]] * more]
+
+
+def _kinds_at(multiplier: float | None) -> list[str]:
+    return [name for name in KINDS if kind_of(name).passed(multiplier)]
 
 
 def _count_outside(point: OrbitPoint) -> tuple[int, int, int]:

@@ -3,6 +3,7 @@
 import dataclasses
 import importlib.util
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from contimpact.bifurcations.kind import test_functions as functions_of
 from contimpact.continuation.branch import MissedEvent
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams.orbit_branch import continue_orbit, walk_both_ways
+from contimpact.diagrams.orbit_walks import _causes_by_multiplier
 from contimpact.models.word import Word
 from contimpact.orbits.quiet import problem_of
 from contimpact.orbits.search import find_orbits, orbit_at
@@ -141,3 +143,29 @@ def test_an_event_explains_only_what_is_missed_where_it_is():
 
         assert left(there) == []
         assert all(len(left(missed)) == 1 for missed in (far, untold, other))
+
+
+SINGLE, FLIP, PAIR = ["FB", "BP"], ["PD"], ["NS", "FB", "BP", "PD"]
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "causes"),
+    [
+        ((-1e9, -5.7), (-6 + 5j, -6 - 5j), []),  # behind the birth of an impact of a chain
+        ((3 + 1j, 3 - 1j), (2, 4), []),
+        ((2, 0.5), (0.9, 0.5), [SINGLE]),
+        ((-2, 0.5), (-0.9, 0.5), [FLIP]),
+        ((2, -2), (0.5, -0.5), [SINGLE, FLIP]),
+        ((2, -0.5), (0.5, -2), [SINGLE, FLIP]),
+        ((1.1j, -1.1j), (0.9j, -0.9j), [PAIR, PAIR]),
+        ((1.1, 1.2), (0.9j, -0.9j), [PAIR, PAIR]),
+        ((1.1, 1.2, 3), (0.9j, -0.9j, 0.5), [SINGLE, PAIR, PAIR]),
+    ],
+)
+def test_multipliers_that_meet_off_the_unit_circle_need_no_event(left, right, causes):
+    """Where two become a pair, none has passed it; a pair that has may have become two."""
+    points = [
+        SimpleNamespace(evaluation=SimpleNamespace(multipliers=np.array(values, complex)))
+        for values in (left, right)
+    ]
+    assert _causes_by_multiplier(*points) == causes
