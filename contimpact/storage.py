@@ -259,6 +259,19 @@ def read_plain(path: Path, most: int = -1) -> tuple[bytes, os.stat_result]:
         return file.read(most), os.fstat(file.fileno())
 
 
+def sha256(path: Path) -> str | None:
+    """Return a file's digest; None if it cannot be read."""
+    try:
+        return hashlib.sha256(read_plain(path)[0]).hexdigest()
+    except OSError:
+        return None
+
+
+def digests(folder: Path, names: Iterable[str]) -> dict[str, str]:
+    """Return the digests of those of a folder's files that can be read, by name."""
+    return {name: found for name in names if (found := sha256(folder / name))}
+
+
 def is_there(path: Path) -> bool:
     """Return whether a file can be read, as it is or from its compressed form."""
     return path.exists() or path.with_name(path.name + PACKED).exists()
@@ -608,25 +621,6 @@ def _escape_text(text: str) -> str:
 def unescape_text(cell: str) -> str:
     """Return the text that an exact `csv_text` has written as a cell."""
     return cell.removeprefix("'")
-
-
-# Markdown.
-
-_MARKS = str.maketrans(
-    {"\\": "\\\\", "|": r"\|", "~": r"\~", "`": r"\`", "<": "&lt;", "&": "&amp;"}
-)
-_LINK = re.compile(r"\](?=[(\[])")
-
-
-def markdown_cell(value: Any) -> str:
-    """Return a value as a cell of a Markdown table, numbers to 12 digits."""
-    if value is None:
-        return ""
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, float):
-        return f"{value:.12g}"
-    return _LINK.sub(r"]\\", printable(str(value)).translate(_MARKS))
 
 
 # The folder of what is generated once and kept: kernels, and compiled code.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -22,12 +21,11 @@ from ..results.branch import Branch, Entry, model_at, model_of, orbit_of
 from ..results.catalogue import Results, open_results
 from ..results.diagram import Diagram
 from ..results.options import CertifyOptions
-from ..results.result_folder import digests_of
 from ..results.scene import Scene, load_scene
 from ..schema import build_record, record
 from ..segments.balls import INTEGRATED, without_enclosures
 from ..segments.kernels import Kernels
-from ..storage import Json, append_line, json_line, json_text, read_json, write_text
+from ..storage import Json, append_line, digests, json_line, json_text, read_json, write_text
 from .branch import BranchCertificate, certify_branch, verify_branch, without_certificate
 from .event import EventCertificate, NoEnclosuresError, certify_entry, verify_entry
 
@@ -48,7 +46,7 @@ class Certificates:
 
     scene: str
     catalogue: str
-    """Digest of what the catalogue says, see `digest`."""
+    """Digest of what the catalogue says, see `Results.digest`."""
     entries: Sequence[EventCertificate]
     branches: Sequence[BranchCertificate] = ()
     seconds: float = 0.0
@@ -99,16 +97,6 @@ class Certificates:
         return {"schema": SCHEMA, **record(self, names), "branches": branches}
 
 
-def digest(catalogue: Mapping[str, Any]) -> str:
-    """Return a digest of what a catalogue says of branches and events, certified radii aside."""
-    entries = [
-        {k: v for k, v in entry.items() if k != "certified_radius"}
-        for entry in catalogue["entries"]
-    ]
-    said = {"branches": catalogue["branches"], "entries": entries}
-    return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
-
-
 def read_certificates(folder: Path) -> Certificates:
     """Read ``certificates.json``.
 
@@ -134,7 +122,7 @@ def write_certificates(results: Results, certificates: Certificates) -> list[str
     write_text(folder / "catalogue.json", json_text({**results.catalogue, "entries": entries}))
     if manifest is not None:
         files = sorted({*manifest["files"], FILE})
-        sealed = manifest.get("sha256", {}) | digests_of(folder, ["catalogue.json"])
+        sealed = manifest.get("sha256", {}) | digests(folder, ["catalogue.json"])
         renewed = {**manifest, "files": files, "sha256": sealed}
         write_text(folder / "manifest.json", json_text(renewed))
     return [FILE, "catalogue.json"]
@@ -286,31 +274,7 @@ def certify(
         If a folder is missing or damaged, or a system is not known or has flights without
         enclosures.
     """
-    if isinstance(what, str | Path) and Path(what).suffix == ".toml":
-        what = load_scene(what)
-    if isinstance(what, Scene):
-        from .. import follow
-
-        options = options or what.certify
-        what = follow(what, progress=progress)
-    options = options or CertifyOptions()
-    if isinstance(what, str | Path):
-        return certify_results(open_results(Path(what)), options, model, progress=progress)
-    if isinstance(what, Entry):
-        what = [what]
-    if isinstance(what, Branch):
-        name, entries, branches = what.id, list(what.events), [what]
-    elif isinstance(what, Diagram):
-        name, entries, branches = what.name, what.entries, list(what.branches)
-    else:
-        entries = list(what) if isinstance(what, Iterable) else []
-        if not entries or not all(isinstance(one, Entry) for one in entries):
-            accepted = "give a diagram, a branch, events, a scene, or a folder of contimpact run"
-            raise InputError("what", f"found {short_repr(what)}", accepted)
-        name, branches = "entries", []
-    return _Work(options, model, progress, CertificateLog(None, "")).certificates(
-        name, "", entries, branches
-    )
+    return _Proof(_recorded(what, options, progress), model, progress).certificates()
 
 
 def certify_results(
@@ -323,28 +287,74 @@ def certify_results(
 ) -> Certificates:
     """Prove the catalogue of a folder; see `certify`. Where it is asked to `keep`, certificates are
     kept in the folder as they are found, to go on from."""
-    said = digest(results.catalogue)
-    kept = CertificateLog(results.folder / ROWS if keep else None, f"{said} {options} {versions()}")
-    found = _Work(options, model, progress, kept).certificates(
-        results.diagram.name, said, results.entries, results.diagram.branches
-    )
+    recorded = _recorded(results, options, progress)
+    key = f"{recorded.digest} {options} {versions()}"
+    kept = CertificateLog(results.folder / ROWS if keep else None, key)
+    found = _Proof(recorded, model, progress, kept).certificates()
     kept.remove()
     return found
 
 
-class _Work:
+@dataclass(frozen=True)
+class _Recorded:
+    """What is to be proven, and how."""
+
+    name: str
+    entries: Sequence[Entry]
+    branches: Sequence[Branch]
+    options: CertifyOptions
+    digest: str = ""
+    """Of the catalogue, if it is that of a folder."""
+
+
+def _recorded(what: object, options: CertifyOptions | None, progress: Progress) -> _Recorded:
+    """What is recorded in anything that `certify` is given, or in a folder's results."""
+    if isinstance(what, str | Path) and Path(what).suffix == ".toml":
+        what = load_scene(what)
+    if isinstance(what, Scene):
+        from .. import follow
+
+        options = options or what.certify
+        what = follow(what, progress=progress)
+    options = options or CertifyOptions()
+    if isinstance(what, str | Path):
+        what = open_results(Path(what))
+    if isinstance(what, Results):
+        diagram = what.diagram
+        return _Recorded(diagram.name, what.entries, diagram.branches, options, what.digest)
+    if isinstance(what, Branch):
+        return _Recorded(what.id, list(what.events), [what], options)
+    if isinstance(what, Diagram):
+        return _Recorded(what.name, what.entries, list(what.branches), options)
+    what = [what] if isinstance(what, Entry) else what
+    entries = list(what) if isinstance(what, Iterable) else []
+    if not entries or not all(isinstance(one, Entry) for one in entries):
+        accepted = "give a diagram, a branch, events, a scene, or a folder of contimpact run"
+        raise InputError("what", f"found {short_repr(what)}", accepted)
+    return _Recorded("entries", entries, [], options)
+
+
+NOT_KEPT = CertificateLog(None, "")
+
+
+class _Proof:
     """What is done for one catalogue."""
 
     def __init__(
-        self, options: CertifyOptions, model: Model | None, progress: Progress, kept: CertificateLog
+        self,
+        recorded: _Recorded,
+        model: Model | None,
+        progress: Progress,
+        kept: CertificateLog = NOT_KEPT,
     ) -> None:
-        self.options, self.model, self.progress, self.kept = options, model, progress, kept
+        self.recorded, self.options = recorded, recorded.options
+        self.model, self.progress, self.kept = model, progress, kept
         self.orbits = RecordedOrbits(model)
 
-    def certificates(
-        self, name: str, said: str, entries: Sequence[Entry], branches: Sequence[Branch]
-    ) -> Certificates:
+    def certificates(self) -> Certificates:
         began = time.perf_counter()
+        name, said = self.recorded.name, self.recorded.digest
+        entries, branches = self.recorded.entries, self.recorded.branches
         if 0 in (*(e.period for e in entries), *(b.period for b in branches)):
             accepted = "proofs are for orbits of the forcing's period"
             raise InputError(name, "its orbits have a free period", accepted)
@@ -455,7 +465,7 @@ def verify_results(
     more = [entry.id for entry in entries if _claims_more(entry, records.get(entry.id), known)]
     more += [name for name, record in kept.items() if _says_more(record, there.get(name))]
     seconds = time.perf_counter() - began
-    said = digest(results.catalogue)
+    said = results.digest
     return Certificates(stored.scene, said, found, tubes, seconds, versions(), more)
 
 

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 from ..errors import InputError
 from ..progress import Progress
 from ..results.diagram import Diagram
-from ..results.result_folder import Files, digests_of, manifest_text
+from ..results.result_folder import Files, manifest_text, sealed_names
 from ..results.scene import Scene
-from ..storage import is_there
+from ..storage import digests, is_there
 from . import ENDING
 
 if TYPE_CHECKING:
@@ -102,9 +102,9 @@ def write_manifest(
     """Write the manifest; what could not be written is said."""
 
     def text() -> str:
-        digests = digests_of(files.folder, files.written)
+        found = digests(files.folder, sealed_names(files.written))
         known = {**statistics, "not_written": files.not_written()}
-        return manifest_text(scene.resolved(), scene.given, left_out, known, files.written, digests)
+        return manifest_text(scene.resolved(), scene.given, left_out, known, files.written, found)
 
     files.close(text)
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import functools
+import hashlib
 import io
 import itertools
 import json
@@ -174,11 +175,22 @@ def read_curve(path: str | Path) -> Curve:
 
 
 def _read_table(kind: type[T], path: Path, schema: str, kept: BinaryIO | None = None) -> T:
-    """The branch or the curve of a table; earlier versions write the value at an end under the
-    parameter's name, and have the system beside the events."""
+    """The branch or the curve of a table: the record in its first line, and its columns, which must
+    have its number of rows; earlier versions write the value at an end under the parameter's name,
+    and have the system beside the events."""
     with check_reading(path, schema):
         with kept or open_plain(path) as file:
-            head, columns = _table(file, path, schema)
+            first = check_length(file.readline(LARGEST_RECORD + 1), LARGEST_RECORD)
+            head = json.loads(first.decode().removeprefix("# "))
+            if head["schema"] != schema:
+                found = f"its schema is {head['schema']!r}"
+                raise InputError(str(path), found, f"give {schema!r}")
+            with io.TextIOWrapper(file, "utf-8", newline="") as lines:
+                columns = _columns(lines)
+        rows = len(next(iter(columns.values())))
+        if rows != head.get("points", rows):
+            found = f"damaged: {rows} of {head['points']} rows"
+            raise InputError(str(path), found, f"give a file of {schema!r}")
         parameters = head["parameters"] if schema == CURVE else [head["parameter"]]
         _require(columns, head["word"], parameters, () if schema == CURVE else TEXTS)
         record = {"meetings": [], **head, "columns": columns, "origin": head["from"]}
@@ -196,22 +208,6 @@ def _read_table(kind: type[T], path: Path, schema: str, kept: BinaryIO | None = 
             earlier = {"system": head["system"], "options": head["options"]}
             record["events"] = [entry_of(earlier | event) for event in head["events"]]
         return build_record(kind, record)
-
-
-def _table(file: BinaryIO, path: Path, schema: str) -> tuple[dict[str, Any], dict[str, Array]]:
-    """The record in a table's first line, and its columns; they must have its number of rows."""
-    first = check_length(file.readline(LARGEST_RECORD + 1), LARGEST_RECORD)
-    head = json.loads(first.decode().removeprefix("# "))
-    if head["schema"] != schema:
-        raise InputError(str(path), f"its schema is {head['schema']!r}", f"give {schema!r}")
-    with io.TextIOWrapper(file, "utf-8", newline="") as lines:
-        columns = _columns(lines)
-    rows = len(next(iter(columns.values())))
-    if rows != head.get("points", rows):
-        raise InputError(
-            str(path), f"damaged: {rows} of {head['points']} rows", f"give a file of {schema!r}"
-        )
-    return head, columns
 
 
 def _columns(lines: Iterator[str]) -> dict[str, Array]:
@@ -445,6 +441,16 @@ class Results:
     entries: Sequence[Entry]
     """Those of the catalogue, with certified radii."""
     diagram: Diagram
+
+    @property
+    def digest(self) -> str:
+        """Of what the catalogue says of branches and events, certified radii aside."""
+        entries = [
+            {k: v for k, v in entry.items() if k != "certified_radius"}
+            for entry in self.catalogue["entries"]
+        ]
+        said = {"branches": self.catalogue["branches"], "entries": entries}
+        return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
 
 
 def open_results(folder: Path) -> Results:

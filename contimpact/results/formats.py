@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from ..bifurcations.kind import kind_of
-from ..errors import InputError, explain_arguments
+from ..errors import InputError, explain_arguments, printable
 from ..schema import fit_value
-from ..storage import Content, csv_text, json_text, markdown_cell, write, write_all, write_text
+from ..storage import Content, csv_text, json_text, sha256, write, write_all, write_text
 from .branch import Branch
 from .catalogue import entry_of
-from .result_folder import WANTED, reading_catalogue, sha256
+from .result_folder import WANTED, reading_catalogue
 
 END_POINT = 9
 
@@ -148,3 +149,20 @@ def _markdown(columns: list[str], rows: list[list[Any]]) -> str:
     lines = [f"| {line} |" for line in lines]
     lines.insert(1, "|" + "---|" * len(shown))
     return "\n".join(lines) + "\n"
+
+
+_MARKS = str.maketrans(
+    {"\\": "\\\\", "|": r"\|", "~": r"\~", "`": r"\`", "<": "&lt;", "&": "&amp;"}
+)
+_LINK = re.compile(r"\](?=[(\[])")
+
+
+def markdown_cell(value: Any) -> str:
+    """Return a value as a cell of a Markdown table, numbers to 12 digits."""
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.12g}"
+    return _LINK.sub(r"]\\", printable(str(value)).translate(_MARKS))

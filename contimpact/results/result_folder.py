@@ -9,7 +9,6 @@ holds the files of one run, or is marked.
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import json
 import os
 import platform
@@ -35,6 +34,7 @@ from ..storage import (
     read_plain,
     reason,
     remove_leftovers,
+    sha256,
     write_all,
 )
 
@@ -320,7 +320,7 @@ def reading(folder: Path) -> Iterator[Mapping[str, Any] | None]:
     """
     manifest, before = _state(folder)
     yield manifest
-    if _state(folder)[1] != before:
+    if any(sha256(folder / name) != digest for name, digest in before.items()):
         raise InputError(str(folder), "written anew while it was read", "read it again")
 
 
@@ -332,40 +332,30 @@ def reading_catalogue(folder: Path) -> Iterator[tuple[Mapping[str, Any] | None, 
         yield manifest, read_json(path, CATALOGUE, WANTED)
 
 
-def digests_of(folder: Path, files: Iterable[str]) -> dict[str, str]:
-    """Return the digests of those of a folder's files that are read back, by name."""
-    names = sorted({name for name in files if SEALED.fullmatch(name)})
-    return {name: found for name in names if (found := sha256(folder / name))}
+def sealed_names(files: Iterable[str]) -> list[str]:
+    """Return the names of those files that are read back, in order."""
+    return sorted({name for name in files if SEALED.fullmatch(name)})
 
 
-def _state(folder: Path) -> tuple[Mapping[str, Any] | None, tuple[str | None, ...]]:
+def _state(folder: Path) -> tuple[Mapping[str, Any] | None, dict[str, str | None]]:
     """A folder's manifest, and the digests of it and of the files that it seals, if they belong to
-    it."""
-    catalogue, manifest = folder / "catalogue.json", folder / "manifest.json"
+    it; None for what cannot be read."""
+    manifest = folder / "manifest.json"
     if os.path.lexists(folder / MARK):
         found = "a run is writing this folder, or ended before all was written"
         accepted = "run it again, or remove this file to use what is there"
         raise InputError(str(folder / MARK), found, accepted)
-    if not is_there(manifest):
-        return None, (None, sha256(catalogue))
-    content = read_json(manifest, MANIFEST, WANTED)
-    sealed = content.get("sha256")
+    content = read_json(manifest, MANIFEST, WANTED) if is_there(manifest) else None
+    sealed = (content or {}).get("sha256")
     told = sealed if isinstance(sealed, dict) else {}
-    there = digests_of(folder, ["catalogue.json", *told])
+    names = sealed_names(["catalogue.json", *told])
+    there = {name: sha256(folder / name) for name in names}
     for name, digest in there.items():
-        if told.get(name, digest) != digest:
+        if digest is not None and told.get(name, digest) != digest:
             accepted = "run it again, or remove manifest.json to use what is there as it is"
             where = str(folder / name)
             raise InputError(where, "not the one that manifest.json belongs to", accepted)
-    return content, (sha256(manifest), *there.values())
-
-
-def sha256(path: Path) -> str | None:
-    """Return a file's digest; None if it cannot be read."""
-    try:
-        return hashlib.sha256(read_plain(path)[0]).hexdigest()
-    except OSError:
-        return None
+    return content, {"manifest.json": sha256(manifest), **there}
 
 
 # The manifest of a folder of results: what was asked, what ran, its cost, what was left out.

@@ -675,7 +675,7 @@ def load_scene(path: str | Path, systems: Mapping[str, type[Model]] | None = Non
     if "study" in given:
         accepted = "compute it by contimpact study, or take the table away"
         raise InputError(str(path), "a table [study]: it is a study of many scenes", accepted)
-    return read_scene(given, systems)
+    return read(Scene, given, scene=systems, given=given)
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:

@@ -18,8 +18,9 @@ from contimpact.cli import main, say
 from contimpact.errors import InputError
 from contimpact.results.branch import Entry
 from contimpact.results.catalogue import entry_of, load_diagram, read_branch, write_diagram
+from contimpact.results.formats import markdown_cell
 from contimpact.schema import build_record
-from contimpact.storage import csv_text, json_line, json_text, markdown_cell, unescape_text
+from contimpact.storage import csv_text, json_line, json_text, unescape_text
 
 ESCAPE = "\x1b]0;title\x07\x1b[31m\x9b\u202e\0"
 

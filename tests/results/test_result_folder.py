@@ -21,15 +21,8 @@ from contimpact.errors import InputError, NotWrittenError
 from contimpact.results.catalogue import load_entries
 from contimpact.results.diagram import Diagram
 from contimpact.results.formats import write_auto, write_mat
-from contimpact.results.result_folder import (
-    MARK,
-    ROWS,
-    hold_folder,
-    own_files,
-    renew_folder,
-    sha256,
-)
-from contimpact.storage import LOCK, hold_lock, temporary_beside, this_process
+from contimpact.results.result_folder import MARK, ROWS, hold_folder, own_files, renew_folder
+from contimpact.storage import LOCK, hold_lock, sha256, temporary_beside, this_process
 
 BRANCHES = ROOT / "branches"
 SCENE = f"""{SMALL}[plot]
