@@ -10,11 +10,10 @@ from collections import Counter
 
 import numpy as np
 
-from contimpact.bifurcations.kind import Change, kind_of
+from contimpact.bifurcations.kind import Change, kind_of, places_with_status
 from contimpact.continuation.branch import EndKind, Points
 from contimpact.continuation.corrector import EPSILON
-from contimpact.diagrams import orbit_branch, orbit_walks
-from contimpact.diagrams.orbit_walks import places_with_status
+from contimpact.diagrams import orbit_walks
 from contimpact.orbits.problem import Summary, rounding
 from contimpact.orbits.status import PHYSICAL, count_unstable
 
@@ -43,7 +42,7 @@ class Watch:
 
 def watch(patch):
     """Have every walk and every table checked from now on, as long as a monkeypatch lasts."""
-    explained, branch = orbit_walks.explain_changes, orbit_branch.Run.branch
+    explained, branch = orbit_walks.explain_changes, orbit_walks.Run.branch
 
     def checked_walk(problem, walk, tests, settings, switched):
         found = explained(problem, walk, tests, settings, switched)
@@ -60,7 +59,7 @@ def watch(patch):
         return found
 
     patch.setattr(orbit_walks, "explain_changes", checked_walk)
-    patch.setattr(orbit_branch.Run, "branch", checked_branch)
+    patch.setattr(orbit_walks.Run, "branch", checked_branch)
 
 
 # A walk.

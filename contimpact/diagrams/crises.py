@@ -26,7 +26,7 @@ from ..orbits.search import find_orbits, solve_near
 from ..progress import Asked
 from ..results.branch import Branch, Entry, columns_of, orbit_with
 from ..results.diagram import Diagram
-from ..results.entry_conversion import entry_of, pairs_of
+from ..results.entry_conversion import entry_of, pairs_of, tabulate
 from ..results.options import CURVE_SETTINGS, SimulateOptions, tolerance_sizes
 from ..results.scene import Scene
 from ..segments.kernels import Kernels
@@ -45,7 +45,7 @@ from .crisis_location import (
     is_saddle,
     locate_either,
 )
-from .orbit_branch import continue_orbit, tabulate
+from .orbit_branch import continue_orbit
 
 ENDS = ("FB", "PD", "G")
 """Kinds of events at which the motion that takes over may begin to be stable."""

@@ -35,7 +35,7 @@ from ..results.diagram import Diagram, Limits
 from ..results.quantities import fill_outputs, output_columns
 from ..results.scene import Scene, load_scene, read_scene
 from ..segments.kernels import Kernels
-from .orbit_branch import Run, add_stop_test, first_step, run_born, symmetric_end, walk_both_ways
+from .orbit_walks import Run, add_stop_test, first_step, run_born, symmetric_end, walk_both_ways
 from .starting_orbits import (
     NotFound,
     add_settled,

@@ -65,8 +65,7 @@ from .map_lines import (
     run_with,
     same_curve,
 )
-from .orbit_branch import Run, walk_both_ways
-from .orbit_walks import walk_orbits
+from .orbit_walks import Run, walk_both_ways, walk_orbits
 
 ELSEWHERE = 1e-4
 """A curve's first point differs less from where it was to start, as part of its unknowns."""

@@ -40,8 +40,7 @@ from ..results.entry_conversion import details_of
 from ..results.scene import Scene
 from ..segments.kernels import Kernels
 from .curve_problem import system_of
-from .orbit_branch import Run, first_step, run_born, symmetric_end, walk_both_ways
-from .orbit_walks import walk_orbits
+from .orbit_walks import Run, first_step, run_born, symmetric_end, walk_both_ways, walk_orbits
 
 # One-parameter runs across a map of curves: what the curves are started from and checked against.
 #

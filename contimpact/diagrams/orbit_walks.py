@@ -1,21 +1,26 @@
-"""Walks along branches of orbits: the backend, changes of status, long flights, and ends."""
+"""Walks along branches of orbits: the backend, what ends a walk, and the runs of two walks."""
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
 from ..arrays import Array
-from ..bifurcations.declarations import KINDS
-from ..bifurcations.extended_system import OrbitEvent, OrbitPoint, OrbitTest, crossing_near
-from ..bifurcations.kind import Change, kind_of
+from ..bifurcations.branch_point import BranchPoint
+from ..bifurcations.extended_system import OrbitTest, crossing_near
+from ..bifurcations.kind import ON_CIRCLE, Change, Start, explain_changes, kind_of
 from ..continuation.branch import (
+    AT_BRANCH_POINTS,
     End,
     EndKind,
+    Evaluation,
     Event,
     MissedEvent,
     Point,
@@ -23,16 +28,22 @@ from ..continuation.branch import (
     Problem,
     TestFunction,
     Walk,
+    join_walks,
+    missed_texts,
 )
-from ..continuation.corrector import EPSILON, Arc
-from ..continuation.events import find_events
-from ..continuation.settings import Settings
-from ..continuation.sign_changes import Sample, Stretch
+from ..continuation.corrector import EPSILON, correct
+from ..continuation.events import separate_events, snap_to_points
+from ..continuation.settings import Settings, require_width
 from ..continuation.step import Backend, Batch, DenseBackend, Position
-from ..continuation.walk import Options, Policy, walk
+from ..continuation.walk import SAME_SOLUTION, Options, Policy, keep_interrupted, other_way, walk
+from ..errors import InputError, short_repr
+from ..models.model import Symmetry
+from ..models.word import Word
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.quiet import FreeQuietProblem
-from ..orbits.status import PHYSICAL, UNIT_CIRCLE_ROUNDING, count_unstable
+from ..orbits.search import mirror_orbit, reduce_period, repeats, rotate_to_word, solve_near
+from ..results.branch import Branch
+from ..results.entry_conversion import entry_of, tabulate
 from ..segments.compiling import note_uncompiled
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION
@@ -40,298 +51,6 @@ from .orbit_backend import CycleBackend
 
 if TYPE_CHECKING:
     from .chain_backend import ChainBackend
-
-# Changes of physicality and of stability along a branch, each of which needs an event.
-#
-# An orbit turns unphysical at a G, V or T, and the number of its multipliers outside the unit
-# circle changes at an FB, BP, PD or NS, or where impacts merge (T): each kind says so itself. Where
-# it does so between two points, an event of a kind that was asked for may have caused it, and none
-# was found, the arc is searched again, ever closer to the change; what is still not explained is
-# recorded as missed. A change that only other kinds cause costs nothing.
-#
-# A walk that starts on an event has the stability of neither side there: a point next to the start
-# tells with which one it leaves. Where the event is the birth of an impact, determinants vanish
-# with a flight, and others may crowd beside it: each multiplier that passes the unit circle up to
-# the first point needs an event.
-
-SEARCHED = (0, 4, 10, 20, 34)
-"""Number of bisections after which an arc is searched for events again."""
-
-BISECTIONS = 44
-
-CLOSED_IN = 1e-12
-"""An arc shorter than this part of the way along the branch is no longer than rounding."""
-
-BESIDE = (1e-8, 1e-6, 1e-4, 1e-2)
-"""Fractions of the first step at which a point is tried that tells how a walk leaves an event."""
-
-ON_CIRCLE = 1e-6
-"""A multiplier nearer to the unit circle than this, so near to an event, tells nothing."""
-
-BLURRED = 10.0
-"""How near to a branch point the status of points tells nothing, in roots of the tolerance."""
-
-
-def explain_changes(
-    problem: OrbitProblem,
-    walk: Walk[Linearisation],
-    tests: Sequence[TestFunction[Linearisation]],
-    settings: Settings,
-    switched: bool,
-) -> Walk[Linearisation]:
-    """Return a walk with the events that explain its changes of status, or what is missing.
-
-    `tests` were looked for: a change that only other kinds explain is left alone. A walk that is
-    `switched` starts on an event, where a status is that of neither side: its stability is taken
-    from next to it.
-    """
-    asked = {test.kind for test in tests}
-    sought = {kind_of(kind).changes for kind in asked} - {None}
-    if len(walk.points) < 2 or not sought:
-        return walk
-    events, missed = list(walk.events), list(walk.missed)
-    turn = walk.points[-1].arclength if walk.end.kind is EndKind.CLOSED else np.inf
-    places = places_with_status(walk, settings)
-    if switched and Change.STABILITY in sought and 1 in places:
-        for ends in _ends_of_leaving(problem, walk, settings):
-            if not _unexplained(events, *ends, asked, turn):
-                continue
-            found, lost = _bisect_change(problem, *ends, tests, settings, Change.STABILITY)
-            events += [event for event in found if not _is_recorded(event, events)]
-            arc, closed_in = _arc(problem, *ends, settings), {event.kind: event for event in lost}
-            missed += [
-                closed_in.get(kind) or _missed_change(kind, arc, Change.STABILITY)
-                for kind in _unexplained(events, *ends, asked, turn)
-            ]
-    lengths = Points(walk.points).arclengths
-    for i, j, change in _changes(walk, sought, places):
-        if (i == 0 and switched) or _explains(events, lengths[i], lengths[j], change, turn):
-            continue
-        left, right = walk.points[i], walk.points[j]
-        if asked.isdisjoint(_causes(left, right, change)):
-            continue
-        found, lost = _bisect_change(problem, left, right, tests, settings, change)
-        events += [event for event in found if not _is_recorded(event, events)]
-        missed += lost
-    events.sort(key=lambda event: event.point.arclength)
-    return replace(walk, events=events, missed=missed)
-
-
-def places_with_status(walk: Walk[Linearisation], settings: Settings) -> Array:
-    """Return the places of the points whose status tells of the branch.
-
-    Next to a branch point, where the equations vanish with the square of the distance from two
-    branches, a point within the tolerance may be off both.
-    """
-    crossings = [event.point.arclength for event in walk.events if kind_of(event.kind).crossing]
-    if not crossings:
-        return np.arange(len(walk.points))
-    places = Points(walk.points).arclengths
-    near = BLURRED * np.sqrt(settings.tolerance)
-    return np.nonzero(np.all([np.abs(places - place) > near for place in crossings], axis=0))[0]
-
-
-def _changes(
-    walk: Walk[Linearisation], sought: Collection[Change | None], told: Array
-) -> list[tuple[int, int, Change]]:
-    """Points between which a status changes; where both do, stability comes first."""
-    points, status = Points(walk.points), dict[Change, Array]()
-    if Change.STABILITY in sought:
-        multipliers = points.stacked(
-            lambda point: point.evaluation.multipliers,
-            lambda block: np.ascontiguousarray(block.described[:, 1:-6]).view(complex),
-        )
-        status[Change.STABILITY] = count_unstable(multipliers[told])
-    if Change.PHYSICALITY in sought:
-        status[Change.PHYSICALITY] = points.numbers[told, -6] != PHYSICAL
-    changes = [
-        (int(told[i]), int(told[i + 1]), change)
-        for change, values in status.items()
-        for i in np.nonzero(values[1:] != values[:-1])[0]
-    ]
-    return sorted(changes, key=lambda found: found[0])
-
-
-def _ends_of_leaving(
-    problem: OrbitProblem, walk: Walk[Linearisation], settings: Settings
-) -> list[tuple[OrbitPoint, OrbitPoint]]:
-    """A point next to the event a walk starts on, and the first point, if multipliers pass the unit
-    circle between them."""
-    first = walk.points[1]
-    arc = _arc(problem, walk.points[0], first, settings)
-    for fraction in BESIDE:
-        beside = arc.at(fraction)
-        if beside is None or not arc.left.arclength < beside.arclength < first.arclength:
-            continue
-        if np.all(np.abs(np.abs(beside.evaluation.multipliers) - 1.0) > ON_CIRCLE):
-            return [(beside, first)] if _count_outside(beside) != _count_outside(first) else []
-    return []
-
-
-def _unexplained(
-    events: Sequence[OrbitEvent],
-    left: OrbitPoint,
-    right: OrbitPoint,
-    asked: Collection[str],
-    turn: float,
-) -> list[str]:
-    """Kinds that were asked for and are lacking: one for each multiplier that passes the unit
-    circle between two points without an event."""
-    ends = left.arclength, right.arclength
-    between = [event.kind for event in events if _lies_between(event, *ends, turn)]
-    if any(all(map(kind_of(kind).explains, Change)) for kind in between):
-        return []
-    lacking: list[str] = []
-    for kinds in _causes_by_multiplier(left, right):
-        found = next((kind for kind in between if kind in kinds), None)
-        if found is None:
-            lacking += [kind for kind in kinds if kind in asked][:1]
-        elif not kind_of(found).passed(None):
-            between.remove(found)
-    return list(dict.fromkeys(lacking))
-
-
-def _arc(problem: OrbitProblem, left: OrbitPoint, right: OrbitPoint, settings: Settings) -> Arc:
-    span = abs(right.parameter - left.parameter) or abs(left.parameter) or 1.0
-    return Arc(problem, left, right, problem.scale(left.unknowns, span), settings)
-
-
-def _explains(
-    events: Sequence[OrbitEvent], left: float, right: float, change: Change, turn: float
-) -> bool:
-    """Whether an event that explains a change lies between two places, or on one of them.
-
-    `turn` is the length of a closed branch: an event at its start is at its end, too.
-    """
-    return any(
-        kind_of(event.kind).explains(change) and _lies_between(event, left, right, turn)
-        for event in events
-    )
-
-
-def _lies_between(event: OrbitEvent, left: float, right: float, turn: float) -> bool:
-    """Whether an event lies between two places along a branch, or on one of them."""
-    slack = 1e-9 * (right - left)
-    return any(
-        left - slack <= event.point.arclength + way <= right + slack for way in (0.0, turn, -turn)
-    )
-
-
-def _is_recorded(event: OrbitEvent, events: Sequence[OrbitEvent]) -> bool:
-    return any(
-        event.kind == other.kind
-        and event.details.get("index") == other.details.get("index")
-        and _is_same(event.point, other.point)
-        for other in events
-    )
-
-
-def _is_same(one: OrbitPoint, other: OrbitPoint) -> bool:
-    units = other.evaluation.problem.natural_units(other.unknowns)
-    return bool(np.max(np.abs((one.unknowns - other.unknowns) / units)) < 1e-8)
-
-
-def _bisect_change(
-    problem: OrbitProblem,
-    left: OrbitPoint,
-    right: OrbitPoint,
-    tests: Sequence[TestFunction[Linearisation]],
-    settings: Settings,
-    change: Change,
-) -> tuple[list[OrbitEvent], list[MissedEvent]]:
-    """Bisect the change of status, and look for the event on ever shorter arcs."""
-    arc = _arc(problem, left, right, settings)
-    state = _state_of(change)
-    here = state(left)
-    for bisection in range(BISECTIONS):
-        if bisection in SEARCHED:
-            found = _find(tests, arc)
-            if any(kind_of(event.kind).changes is change for event in found):
-                return [arc.holding(event) for event in found], []
-        middle = arc.at(0.5)
-        ends = arc.left.arclength, arc.right.arclength
-        if middle is None or not ends[0] < middle.arclength < ends[1]:
-            break
-        before, after = arc.halves(middle)
-        arc = after if state(middle) == here else before
-    asked = {test.kind for test in tests}
-    lacking = [kind for kind in _causes(arc.left, arc.right, change) if kind in asked]
-    return [], [_missed_change(kind, arc, change) for kind in lacking[:1]]
-
-
-def _state_of(change: Change) -> Callable[[OrbitPoint], int]:
-    if change is Change.PHYSICALITY:
-        return lambda point: point.evaluation.verdict.physical
-    return lambda point: point.evaluation.n_unstable
-
-
-def _find(tests: Sequence[TestFunction[Linearisation]], arc: Arc) -> list[OrbitEvent]:
-    left, right = (
-        Sample.of(point.arclength, [test.at(point) for test in tests])
-        for point in (arc.left, arc.right)
-    )
-    return find_events(tests, arc, Stretch(left, right))[0]
-
-
-def _causes(left: OrbitPoint, right: OrbitPoint, change: Change) -> list[str]:
-    """The kinds of events of which one at least lies where a status changes between two points."""
-    if change is Change.PHYSICALITY:
-        finding = int(_unphysical_point(left, right).evaluation.numbers[-6])
-        return [name for name in KINDS if kind_of(name).finding == finding]
-    return [kind for kinds in _causes_by_multiplier(left, right) for kind in kinds]
-
-
-def _causes_by_multiplier(left: OrbitPoint, right: OrbitPoint) -> list[list[str]]:
-    """The kinds of events of which one lies between two points, for each multiplier that passes the
-    unit circle there; that of a pair passes two.
-
-    Two that meet on the real axis and leave it, or come back, pass nothing there: above 1 and below
-    -1 an odd number tells that one has passed, and all together how many more have.
-    """
-    moved = np.subtract(_count_outside(left), _count_outside(right))
-    passed = [value for value, number in zip((1.0, -1.0), moved, strict=False) if number % 2]
-    one, other, pairs = (_kinds_at(value) for value in (1.0, -1.0, None))
-    more = abs(sum(moved)) - len(passed)
-    return [*map(_kinds_at, passed), *[[*pairs, *one, *other]] * more]
-
-
-def _kinds_at(multiplier: float | None) -> list[str]:
-    return [name for name in KINDS if kind_of(name).passed(multiplier)]
-
-
-def _count_outside(point: OrbitPoint) -> tuple[int, int, int]:
-    """How many multipliers lie beyond 1, beyond -1, and off the real axis outside the circle."""
-    values = point.evaluation.multipliers
-    real, outside = values.imag == 0.0, np.abs(values) > 1.0 + UNIT_CIRCLE_ROUNDING
-    sides = real & (values.real > 0.0), real & (values.real < 0.0), ~real
-    above, below, pairs = (int(np.count_nonzero(outside & side)) for side in sides)
-    return above, below, pairs
-
-
-def _unphysical_point(left: OrbitPoint, right: OrbitPoint) -> OrbitPoint:
-    """The one of two points at which the orbit is unphysical."""
-    return left if not left.evaluation.verdict.physical else right
-
-
-def _missed_change(kind: str, arc: Arc, change: Change) -> MissedEvent:
-    left, right = arc.left, arc.right
-    if change is Change.PHYSICALITY:
-        verdict = _unphysical_point(left, right).evaluation.verdict
-        what = f"the orbit turns unphysical there ({verdict.reason})"
-    else:
-        counts = left.evaluation.n_unstable, right.evaluation.n_unstable
-        what = f"the number of unstable multipliers changes from {counts[0]} to {counts[1]} there"
-        if counts[0] == counts[1]:
-            what = "one multiplier leaves the unit circle there and another one enters it"
-    reason = f"{what}, but no event that explains it was located"
-    span = right.arclength - left.arclength
-    if span <= CLOSED_IN * (1.0 + right.arclength):
-        remedy = "its place is closed in to rounding: smaller steps tell no more"
-    else:
-        remedy = "a smaller max_step may tell"
-    ends = left.parameter, right.parameter
-    return MissedEvent(kind, ends, f"{reason}; {remedy}", right.arclength)
-
 
 # Where the forcing's period goes to infinity within a range, as where a frequency goes to zero.
 #
@@ -578,3 +297,436 @@ class FreePeriodEnds(Policy):
                     what += " (two modes of its law, with guards at v = 0, would divide it)"
             return End.of(EndKind.FOR_EVER, *at, **told, what=what), point
         return (End.of(EndKind.ROUNDING, *at, **told), point) if lost else None
+
+
+# Symmetry: where a branch runs into its own image, and ends, for beyond all of it comes again.
+#
+# The images of an orbit are its shifts by whole forcing periods and, where the model has one, its
+# mirror image. An orbit that is one of its own images is one of a shorter period, or a symmetric
+# one. A branch of other orbits meets it at a branch point and goes on along its own image.
+
+Known = Callable[[OrbitProblem, Array], "str | None"]
+
+AT_IMAGE, OFF_IMAGE = 1e-6, 1e-9
+"""How near its image an orbit at a branch point is, and how far from it an ordinary one is."""
+
+
+def symmetry_of(problem: OrbitProblem) -> Symmetry | None:
+    """Return the symmetry the model has along a branch in the followed parameter."""
+    model, kernels = problem.model, problem.kernels
+    return model.symmetry(problem.parameter, kernels.harmonics(*model.values.values()))
+
+
+def symmetric(
+    problem: OrbitProblem, unknowns: Array, symmetry: Symmetry | None, tolerance: float
+) -> bool:
+    """Whether an orbit is its own mirror image."""
+    if symmetry is None or not problem.word.walls:
+        return False
+    image = rotate_to_word(*mirror_orbit(problem, unknowns, symmetry), problem.word)
+    if image is None:
+        return False
+    return problem.apart(image, unknowns) < tolerance
+
+
+def mirrors_back(
+    problem: OrbitProblem, unknowns: Array, tangent: Array, symmetry: Symmetry | None
+) -> bool:
+    """Whether the mirror image of a branch leaves its start as the branch itself, backwards."""
+    if symmetry is None or not problem.word.walls:
+        return False
+    along = 1e-4 * tangent / np.max(np.abs(tangent / problem.natural_units(unknowns)))
+    image = rotate_to_word(*mirror_orbit(problem, unknowns + along, symmetry), problem.word)
+    if image is None:
+        return False
+    return problem.apart(image, unknowns - along) < 1e-8
+
+
+def mirror_end(name: str, point: Point) -> End:
+    """Return the end of a branch at a start beyond which its mirror image follows."""
+    parameter = point.evaluation.problem.parameter
+    known = f"{name} again, as its own mirror image"
+    return End.of(EndKind.KNOWN, parameter, point.parameter, known=known)
+
+
+def symmetric_end(problem: OrbitProblem, known: Known | None = None) -> Policy | None:
+    """Return what ends a walk at the branch point where its orbits become images of themselves.
+
+    It is for a walk that looks for BP; None where no orbit of the problem can be an image
+    of itself. `known` returns the name of the branch that an orbit of shorter period lies on.
+    """
+    if len(problem.word.rotations()) == 1 and symmetry_of(problem) is None:
+        return None
+    return _SymmetricEnd(problem, known)
+
+
+def add_stop_test(tests: Sequence[TestFunction], stop: Policy | None) -> list[TestFunction]:
+    """Return the test functions of a walk: those asked for, and that which `stop` goes by."""
+    asked = stop is None or any(isinstance(test, BranchPoint) for test in tests)
+    return [*tests, *([] if asked else [BranchPoint()])]
+
+
+class _SymmetricEnd(Policy):
+    """Ends no walk whose orbits are their own images from the first point on."""
+
+    at_events_only = True
+
+    def __init__(self, problem: OrbitProblem, known: Known | None) -> None:
+        self.problem, self.known = problem, known
+        self.symmetry = symmetry_of(problem)
+        self.kinds: list[EndKind] | None = None
+
+    def accepted(self, point: Point, events: Sequence[Event]) -> tuple[End, Point] | None:
+        if self.kinds is None:
+            own = self.images(point.unknowns, OFF_IMAGE)
+            self.kinds = [k for k in (EndKind.SHORTER, EndKind.SYMMETRIC) if k not in own]
+        for event in events:
+            if event.kind == BranchPoint.kind:
+                for kind in self.images(event.point.unknowns, AT_IMAGE):
+                    if kind in self.kinds:
+                        return self.end(kind, event.point), event.point
+        return None
+
+    def images(self, unknowns: Array, tolerance: float) -> list[EndKind]:
+        """In which ways an orbit is an image of itself."""
+        found = []
+        if repeats(self.problem, unknowns, tolerance):
+            found.append(EndKind.SHORTER)
+        if symmetric(self.problem, unknowns, self.symmetry, tolerance):
+            found.append(EndKind.SYMMETRIC)
+        return found
+
+    def end(self, kind: EndKind, point: Point) -> End:
+        """The end at a branch point."""
+        name, value = self.problem.parameter, point.parameter
+        if kind is EndKind.SYMMETRIC:
+            return End.of(kind, name, value)
+        shorter, moved = reduce_period(self.problem, point.unknowns, AT_IMAGE)
+        if self.known is not None and (branch := self.known(shorter, moved)):
+            return End.of(EndKind.KNOWN, name, value, known=branch)
+        letters, word = self.problem.model.letters, self.problem.word
+        laps = len(word) // len(shorter.word) if word.walls else word.period // shorter.word.period
+        return End.of(kind, name, value, word=shorter.word.notation(letters), times=laps)
+
+
+# A branch just walked, and the walks that make one.
+
+WITHOUT_MULTIPLIERS = ("V", "T")
+"""Events at which a multiplier is infinite, or jumps."""
+
+BEYOND = 0.1
+"""Part of its way by which an orbit between two points of a branch may lie before or beyond
+them."""
+
+ASIDE = 4.0
+"""How far a branch may lie beside the straight way between two of its points, in lengths of it."""
+
+Callback = Callable[[Point], bool | None]
+
+ONE_ZERO = 1e-2
+"""Arclength within which one zero is located and missed, if its error in the parameter says so."""
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A branch just walked: its points and events in order, not yet tabulated.
+
+    `borrowed` are the arclengths of points that are no event of the branch and have no status of
+    their own: where it is born, and where it ends at a branch point.
+    """
+
+    problem: OrbitProblem
+    walks: tuple[Walk, Walk]
+    points: Points
+    events: Sequence[Event]
+    borrowed: Sequence[float] = ()
+
+    @classmethod
+    def of(cls, problem: OrbitProblem, backward: Walk, forward: Walk, born: bool = False) -> Run:
+        """Join two walks that left one point; `born` says whether that is an event's."""
+        points, events = join_walks(backward, forward)
+        events = snap_to_points(points, events)
+        places = {event.point.arclength for event in events}
+        ends = {0: backward.end, len(points) - 1: forward.end}
+        rows = {row for row, end in ends.items() if end.kind in AT_BRANCH_POINTS}
+        rows |= {len(backward.points) - 1} if born else set()
+        if forward.end.kind is EndKind.CLOSED:  # both ends are one orbit
+            at_event = born or any(points[row].arclength in places for row in ends)
+            rows |= set(ends) if at_event else set()
+        others = [point for row in sorted(rows) if (point := points[row]).arclength not in places]
+        points = separate_events(problem, points, events, others)
+        return cls(problem, (backward, forward), points, events, [p.arclength for p in others])
+
+    @property
+    def ends(self) -> tuple[End, ...]:
+        """How the walks have ended."""
+        return tuple(walk.end for walk in self.walks)
+
+    def branch(
+        self,
+        name: str,
+        origin: str | None = None,
+        first_entry: int = 1,
+        kinds: Sequence[str] | None = None,
+    ) -> Branch:
+        """Tabulate it, with the events of the given kinds."""
+        backward, forward = self.walks
+        problem = self.problem
+        events = [e for e in self.events if kinds is None or e.kind in kinds]
+        entries = [
+            entry_of(e, f"e{first_entry + i}", name, *self.around(e)) for i, e in enumerate(events)
+        ]
+        marks = [(event.point, entry) for event, entry in zip(events, entries, strict=True)]
+        start = backward.points[-1].arclength
+        ways = ((-1.0, backward), (1.0, forward))
+        lost = [
+            missed
+            for sign, walk in ways
+            for missed in walk.missed
+            if not self._is_explained(missed, start + sign * missed.arclength)
+        ]
+        return Branch(
+            id=name,
+            word=problem.word.walls,
+            period=problem.word.period,
+            notation=problem.word.notation(problem.model.letters),
+            system=problem.model.SYSTEM,
+            options=problem.model.options,
+            parameter=problem.parameter,
+            columns=tabulate(self.points, marks, self.borrowed),
+            ends=(backward.end, forward.end),
+            events=entries,
+            missed=missed_texts(problem.parameter, lost),
+            origin=origin,
+            notes=list(dict.fromkeys([*backward.notes, *forward.notes])),
+        )
+
+    def _is_explained(self, missed: MissedEvent, place: float) -> bool:
+        """Whether an event explains that one is missed at an arclength: that of the same zero,
+        within its error, or at the start of the walks, where one of them has located the event and
+        the count of unstable multipliers changes beside it."""
+        kinds = [missed.kind]
+        if missed.index is None and kind_of(missed.kind).changes is Change.STABILITY:
+            kinds += WITHOUT_MULTIPLIERS
+
+        def explains(event: Event) -> bool:
+            away = abs(event.point.arclength - place)
+            if missed.arclength < ON_CIRCLE and away < ON_CIRCLE:
+                return True
+            off = min(abs(event.parameter - end) for end in missed.parameters)
+            near = ON_CIRCLE if missed.index is None else ONE_ZERO
+            return away < near and off <= event.error
+
+        return any(
+            event.kind in kinds
+            and missed.index in (None, event.details.get("index"))
+            and explains(event)
+            for event in self.events
+        )
+
+    def around(self, event: Event) -> tuple[Point, Point]:
+        """The points before and after an event; a closed branch goes on at its other end."""
+        lengths, last = self.points.arclengths, len(self.points) - 1
+        after = int(np.searchsorted(lengths, event.point.arclength, side="right"))
+        before = int(np.searchsorted(lengths, event.point.arclength)) - 1
+        if self.walks[1].end.kind is EndKind.CLOSED and last > 1:
+            return self.points[before % last], self.points[after if after <= last else 1]
+        return self.points[max(before, 0)], self.points[min(after, last)]
+
+    @functools.cached_property
+    def rows(self) -> Array:
+        """The unknowns of points and events in order: between folds too the parameter runs on."""
+        events = [event.point for event in self.events]
+        places = [*self.points.arclengths, *(point.arclength for point in events)]
+        rows = np.vstack([self.points.unknowns, *(point.unknowns for point in events)])
+        return rows[np.argsort(places, kind="stable")]
+
+    def passes(self, word: Word, value: float) -> bool:
+        """Whether orbits on this branch have a word, rotated perhaps, at a parameter value."""
+        own, values = self.problem.word, self.points.unknowns[:, -1]
+        same = (len(own), own.period) == (len(word), word.period) and own.walls in 2 * word.walls
+        return same and bool(values.min() <= value <= values.max())
+
+    def holds(self, unknowns: Array) -> bool:
+        """Whether an orbit of the same word lies on this branch."""
+        value, rows = unknowns[-1], self.rows
+        behind, ahead = rows[:-1, -1], rows[1:, -1]
+        passed = ((behind - value) * (ahead - value) <= 0.0) & (behind != ahead)
+        units = self.problem.natural_units(unknowns)
+        for i in np.nonzero(passed)[0]:
+            left, right = rows[i], rows[i + 1]
+            guess = left + (value - left[-1]) / (right[-1] - left[-1]) * (right - left)
+            guess[-1] = value
+            near = ASIDE * np.max(np.abs((right - left) / units)) + SAME_SOLUTION
+            if np.max(np.abs(self.problem.difference(guess, unknowns) / units)) > near:
+                continue
+            if self._same(solve_near(self.problem, guess), unknowns):
+                return True
+        return any(self._passes_at_turn(*turn, unknowns) for turn in self._turning)
+
+    def has(self, problem: OrbitProblem, unknowns: Array) -> bool:
+        """Whether an orbit lies on this branch, its word rotated perhaps."""
+        turned = rotate_to_word(problem, unknowns, self.problem.word)
+        return turned is not None and self.holds(turned)
+
+    @functools.cached_property
+    def _turning(self) -> list[tuple[int, Array]]:
+        """The ways from a row to the next one beside which the parameter turns back, and sizes.
+
+        Between them it goes beyond both, and at one value there are two orbits next to each other.
+        """
+        step = np.diff(self.rows[:, -1])
+        turns = 1 + np.nonzero(step[:-1] * step[1:] <= 0.0)[0]
+        near = {int(i) for turn in turns for i in range(turn - 2, turn + 2)}
+        span = float(np.ptp(self.rows[:, -1])) or 1.0
+        return [
+            (i, self.problem.scale(self.rows[i], span)) for i in sorted(near) if 0 <= i < len(step)
+        ]
+
+    def _passes_at_turn(self, row: int, scale: Array, unknowns: Array) -> bool:
+        """Whether the branch from a row to the next one passes an orbit: where it meets the plane
+        through the orbit across its way, it is that orbit."""
+        problem, left, right = self.problem, self.rows[row], self.rows[row + 1]
+        way, away = (right - left) / scale, problem.difference(unknowns, left) / scale
+        length = float(way @ way)
+        if not length:  # where two walks begin, the point stands twice
+            return False
+        part = float(way @ away) / length
+        if not -BEYOND <= part <= 1.0 + BEYOND:
+            return False
+        guess = left + part * (right - left)
+        found = correct(problem, guess, way / scale, scale, Settings())
+        return self._same(found.evaluation, unknowns)
+
+    def _same(self, here: Evaluation | None, unknowns: Array) -> bool:
+        """Whether a solution, if there is one, is an orbit."""
+        return here is not None and self.problem.apart(here.unknowns, unknowns) < SAME_SOLUTION
+
+
+def walk_both_ways(
+    problem: OrbitProblem,
+    unknowns: Array,
+    limits: tuple[float, float],
+    tests: Sequence[TestFunction],
+    settings: Settings,
+    callback: Callback | None = None,
+    stop: Policy | None = None,
+    unphysical: bool = True,
+    progress: Callable[[int, float], None] | None = None,
+) -> Run:
+    """Walk from an orbit in both directions; a closed branch is walked once.
+
+    After an interruption from the keyboard, what was walked until then.
+    """
+    options: Options = {"limits": limits, "settings": settings}
+    options |= {"callback": callback, "progress": progress}
+    go = _walks_from(problem, unknowns, tests, stop, unphysical, **options)
+    forward = keep_interrupted(partial(go, +1))
+    if not forward.points:
+        raise InputError("orbit", forward.end.message, "give an orbit that solves its equations")
+    backward = other_way(forward, problem.parameter, partial(go, -1))
+    return Run.of(problem, backward, forward)
+
+
+def _walks_from(
+    problem: OrbitProblem,
+    unknowns: Array,
+    tests: Sequence[TestFunction],
+    stop: Policy | None,
+    unphysical: bool,
+    **options: Unpack[Options],
+) -> Callable[[int], Walk]:
+    """The walk in a direction."""
+    policies, tests = [] if stop is None else [stop], add_stop_test(tests, stop)
+    given: Any = {"tests": tests, "policies": policies, "unphysical": unphysical, **options}
+    return lambda direction: walk_orbits(problem, unknowns, direction, **given)
+
+
+def run_born(
+    start: Start,
+    born: End,
+    limits: tuple[float, float],
+    tests: Sequence[TestFunction],
+    settings: Settings,
+    name: str = "b1",
+    stop: Policy | None = None,
+    callback: Callback | None = None,
+    unphysical: bool = True,
+    progress: Callable[[int, float], None] | None = None,
+) -> Run | End:
+    """Walk along a branch from its start, one way or both as `Start` says.
+
+    `born` is the end in the direction not followed; `name`, the branch's, is for the end of one
+    that mirrors itself. The other arguments are those of `walk_orbits`. Where there is no first
+    point, returns the end that says why.
+    """
+    problem = start.problem
+    options: Options = {"limits": limits, "settings": settings}
+    options |= {"callback": callback, "progress": progress}
+    leaving: Options = {**options, "tangent": start.tangent, "branching": start.branching}
+    go = _walks_from(problem, start.unknowns, tests, stop, unphysical, **leaving)
+    forward = keep_interrupted(partial(go, +1))
+    if not forward.points:
+        return forward.end
+    first, closed = forward.points[:1], forward.end.kind is EndKind.CLOSED
+    if not closed and mirrors_back(problem, start.unknowns, start.tangent, symmetry_of(problem)):
+        backward = Walk(first, (), mirror_end(name, first[0]))
+    elif start.both_ways or closed:
+        backward = other_way(forward, problem.parameter, partial(go, -1))
+        if not backward.points:
+            backward = Walk(first, (), backward.end)
+    else:
+        backward = Walk(first, (), born)
+    return Run.of(problem, backward, forward, born=True)
+
+
+def first_step(
+    start: Start, limits: tuple[float, float], settings: Settings, direction: int = +1
+) -> Walk:
+    """Return the walk's first step, to see where it leads."""
+    return walk_orbits(
+        start.problem,
+        start.unknowns,
+        direction,
+        limits=limits,
+        tangent=start.tangent,
+        branching=start.branching,
+        settings=dataclasses.replace(settings, max_points=2),
+    )
+
+
+def orbit_beside(
+    problem: OrbitProblem,
+    unknowns: Array,
+    tangent: Array,
+    limits: tuple[float, float],
+    settings: Settings,
+) -> Array:
+    """Return the orbit one step from a branch point along one of the two branches that cross there.
+
+    On a limit of the range only one direction leads to it.
+    """
+    start = Start(problem, unknowns, tangent, branching=True, both_ways=True)
+    for direction in (+1, -1):
+        probe = first_step(start, limits, settings, direction)
+        if len(probe.points) > 1:
+            return probe.points[-1].unknowns
+    return unknowns
+
+
+def check_range(
+    problem: OrbitProblem, limits: tuple[float, float] | None, start: float
+) -> tuple[float, float]:
+    """Return the range as floats, or raise `InputError` if it does not fit."""
+    declared = problem.model.require(problem.parameter, "parameter")
+    if not isinstance(limits, Sequence | np.ndarray) or len(limits) != 2:
+        found = "missing" if limits is None else f"found {short_repr(limits)}"
+        raise InputError("range", found, f"give (low, high), values of {problem.parameter}")
+    low, high = (declared.check(limit, "range") for limit in limits)
+    if not low < high or not low <= start <= high:
+        at = f"{problem.parameter} = {start:.12g}"
+        found = f"({low:.12g}, {high:.12g}) does not hold the start {at}"
+        raise InputError("range", found, "give low < high around the start")
+    require_width(low, high, "range")
+    problem.model.validate_between(problem.parameter, low, high, "range")
+    return low, high

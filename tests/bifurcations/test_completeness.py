@@ -12,7 +12,7 @@ from contimpact.accuracy.reference import Reference
 from contimpact.bifurcations.declarations import EVENTS
 from contimpact.bifurcations.kind import test_functions as make_tests
 from contimpact.continuation.settings import Settings
-from contimpact.diagrams.orbit_branch import walk_both_ways
+from contimpact.diagrams.orbit_walks import walk_both_ways
 from contimpact.orbits.search import find_orbits
 from contimpact.segments.kernels import Kernels
 from contimpact.systems.impact_pair import ImpactPair

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from zoo import ROOT
 
+from contimpact.bifurcations.kind import _causes_by_multiplier
 from contimpact.bifurcations.kind import test_functions as functions_of
 from contimpact.continuation.branch import MissedEvent
 from contimpact.continuation.settings import Settings
-from contimpact.diagrams.orbit_branch import continue_orbit, walk_both_ways
-from contimpact.diagrams.orbit_walks import _causes_by_multiplier
+from contimpact.diagrams.orbit_branch import continue_orbit
+from contimpact.diagrams.orbit_walks import walk_both_ways
 from contimpact.models.word import Word
 from contimpact.orbits.quiet import problem_of
 from contimpact.orbits.search import find_orbits, orbit_at

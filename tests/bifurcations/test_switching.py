@@ -14,8 +14,8 @@ from contimpact.bifurcations.kind import switch
 from contimpact.bifurcations.kind import test_functions as functions
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams.explore import follow
-from contimpact.diagrams.orbit_branch import continue_born, continue_orbit, walk_both_ways
-from contimpact.diagrams.orbit_walks import walk_orbits
+from contimpact.diagrams.orbit_branch import continue_born, continue_orbit
+from contimpact.diagrams.orbit_walks import walk_both_ways, walk_orbits
 from contimpact.errors import InputError
 from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem

@@ -16,7 +16,8 @@ from contimpact.bifurcations.fold import Fold
 from contimpact.bifurcations.kind import test_functions as functions
 from contimpact.continuation.branch import EndKind, Event, Point
 from contimpact.continuation.settings import Settings
-from contimpact.diagrams.orbit_branch import continue_orbit, walk_both_ways
+from contimpact.diagrams.orbit_branch import continue_orbit
+from contimpact.diagrams.orbit_walks import walk_both_ways
 from contimpact.orbits.search import find_orbits, solve_near
 from contimpact.systems.impact_pair import ImpactPair
 

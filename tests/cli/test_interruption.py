@@ -14,7 +14,7 @@ from contimpact.continuation.branch import EndKind
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams import explore
 from contimpact.diagrams.crisis_location import NoCrisis
-from contimpact.diagrams.orbit_branch import Run
+from contimpact.diagrams.orbit_walks import Run
 from contimpact.results.diagram_reading import read
 
 RANGE = (0.3, 0.4)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from contimpact.continuation.settings import Settings
-from contimpact.diagrams.orbit_branch import walk_both_ways
+from contimpact.diagrams.orbit_walks import walk_both_ways
 from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.segments.kernels import Kernels

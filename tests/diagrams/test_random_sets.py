@@ -18,7 +18,7 @@ from contimpact.bifurcations.declarations import EVENTS
 from contimpact.bifurcations.kind import test_functions as make_tests
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams.explore import follow
-from contimpact.diagrams.orbit_branch import walk_both_ways
+from contimpact.diagrams.orbit_walks import walk_both_ways
 from contimpact.errors import InputError
 from contimpact.models.word import parse_word
 from contimpact.orbits.search import repeats, solve_near

@@ -12,7 +12,7 @@ from contimpact.bifurcations.grazing import Grazing
 from contimpact.bifurcations.kind import test_functions as make_tests
 from contimpact.continuation.branch import EndKind
 from contimpact.continuation.settings import Settings
-from contimpact.diagrams.orbit_branch import symmetric_end, walk_both_ways
+from contimpact.diagrams.orbit_walks import symmetric_end, walk_both_ways
 from contimpact.orbits.search import find_orbits
 from contimpact.segments.kernels import Kernels
 

@@ -10,11 +10,11 @@ import pytest
 from scipy.optimize import brentq
 
 from contimpact.bifurcations.declarations import EVENTS
+from contimpact.bifurcations.kind import places_with_status
 from contimpact.bifurcations.kind import test_functions as make_tests
 from contimpact.continuation.branch import Points, TestFunction
 from contimpact.continuation.settings import Settings
-from contimpact.diagrams.orbit_branch import walk_both_ways
-from contimpact.diagrams.orbit_walks import places_with_status
+from contimpact.diagrams.orbit_walks import walk_both_ways
 from contimpact.orbits.search import find_orbits
 from contimpact.orbits.status import count_unstable
 from contimpact.systems.impact_pair import ImpactPair

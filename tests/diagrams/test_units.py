@@ -11,15 +11,14 @@ import pytest
 import contimpact as ci
 from contimpact.bifurcations.crisis import Connected, Connection
 from contimpact.bifurcations.extended_system import null_vectors
-from contimpact.bifurcations.kind import kind_of
+from contimpact.bifurcations.kind import _is_recorded, kind_of
 from contimpact.bifurcations.kind import test_functions as make_tests
 from contimpact.bifurcations.sliding import near_touches
 from contimpact.bifurcations.zero_duration import ZeroDuration
 from contimpact.continuation.branch import Event, Point
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams.connection_paths import is_physical
-from contimpact.diagrams.orbit_branch import walk_both_ways
-from contimpact.diagrams.orbit_walks import _is_recorded, walk_orbits
+from contimpact.diagrams.orbit_walks import walk_both_ways, walk_orbits
 from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.quiet import QuietProblem

@@ -16,7 +16,7 @@ import contimpact as ci
 from contimpact.accuracy.reference import Reference
 from contimpact.bifurcations.codimension_two import double_orbit
 from contimpact.continuation.branch import EndKind
-from contimpact.diagrams.orbit_branch import symmetric_end
+from contimpact.diagrams.orbit_walks import symmetric_end
 from contimpact.errors import InputError
 from contimpact.models.model import Formulas
 from contimpact.models.word import Word, parse_word

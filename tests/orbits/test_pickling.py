@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import contimpact as ci
-from contimpact.diagrams.orbit_branch import walk_both_ways
+from contimpact.diagrams.orbit_walks import walk_both_ways
 
 SCENE = {
     "name": "pair",

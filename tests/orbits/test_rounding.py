@@ -14,7 +14,7 @@ from contimpact.accuracy.reference import Reference
 from contimpact.bifurcations.kind import test_functions as make_tests
 from contimpact.continuation.branch import UserFunction
 from contimpact.continuation.settings import Settings
-from contimpact.diagrams.orbit_branch import walk_both_ways
+from contimpact.diagrams.orbit_walks import walk_both_ways
 from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits

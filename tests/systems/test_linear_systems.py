@@ -12,7 +12,7 @@ import pytest
 from contimpact.bifurcations.kind import test_functions as functions
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams.explore import follow
-from contimpact.diagrams.orbit_branch import symmetric, symmetry_of, walk_both_ways
+from contimpact.diagrams.orbit_walks import symmetric, symmetry_of, walk_both_ways
 from contimpact.orbits.search import find_orbits
 from contimpact.results.scene import read_scene
 from contimpact.simulation.simulator import Simulator

@@ -14,7 +14,8 @@ from contimpact.bifurcations.kind import switch
 from contimpact.bifurcations.kind import test_functions as functions
 from contimpact.continuation.branch import EndKind
 from contimpact.continuation.settings import Settings
-from contimpact.diagrams.orbit_branch import continue_orbit, walk_both_ways
+from contimpact.diagrams.orbit_branch import continue_orbit
+from contimpact.diagrams.orbit_walks import walk_both_ways
 from contimpact.orbits.search import find_orbits
 from contimpact.results.entry_conversion import impacts_of
 from contimpact.segments.bounded import many_digits
