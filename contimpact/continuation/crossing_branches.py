@@ -220,12 +220,13 @@ class MeetingRecord:
         self.known.append((found, BESIDE * max(away, found.distance)))
         return 0.5 * away
 
-    def leap(self, here: Point, reached: Point, scale: Array) -> float:
-        """How long a step is that passes the crossing which hides the point a step has reached;
-        zero where none does."""
+    def leap(self, arc: Arc) -> float:
+        """How long a step is that passes the crossing which hides an arc's right end; zero where
+        none does."""
         for meeting, _ in self.known:
-            if meeting.hides(reached, scale):
-                return length(here.unknowns - meeting.unknowns, scale) + 2.0 * meeting.hidden
+            if meeting.hides(arc.right, arc.scale):
+                away = length(arc.left.unknowns - meeting.unknowns, arc.scale)
+                return away + 2.0 * meeting.hidden
         return 0.0
 
     def near(self, here: Point, scale: Array) -> Meeting | None:

@@ -450,7 +450,8 @@ class _Walker:
             careful = leaves or self.near(self.points[-1]) is not None
             batch = self.advance(step, 1 if careful else min(most, longest, left))
             if careful and batch.piece is not None:
-                other = self.instead(step, Points([batch.piece])[-1])
+                reached = Points([batch.piece])[-1]
+                other = self.instead(step, self.arc(self.points[-1], reached))
                 if other:
                     self.rejected += 1
                     step = other
@@ -606,7 +607,7 @@ class _Walker:
                 return step, self.record(start, EndKind.CLOSED)
             return proposal.next_step, self.record(proposal.piece)
         self.rejected += 1
-        if other := self.instead(step, proposal.point):
+        if other := self.instead(step, arc):
             return other, None
         floor = self.numerics(here).min_step
         return (shorten_step(step, floor), None) if step > floor else self.look_about(step, refused)
@@ -623,11 +624,10 @@ class _Walker:
                 return arc.event_point(self.problem.evaluate(unknowns), event.point.iterations)
         return None
 
-    def instead(self, step: float, reached: Point) -> float:
-        """The step to try instead of one that has reached a point hidden by a crossing: first one
+    def instead(self, step: float, arc: Arc) -> float:
+        """The step to try instead of one that ends at a point hidden by a crossing: first one
         that passes the crossing, then shorter ones; zero where the point may be taken."""
-        here = self.points[-1]
-        leap, floor = self.passes.leap(here, reached, self.scale), self.numerics(here).min_step
+        leap, floor = self.passes.leap(arc), self.numerics(arc.left).min_step
         if leap and self.leapt != len(self.points):
             self.leapt = len(self.points)
             return max(leap, floor)
