@@ -15,7 +15,7 @@ from contimpact import ImpactPair, Settings
 from contimpact.bifurcations.kind import test_functions
 from contimpact.continuation.branch import Walk
 from contimpact.diagrams.orbit_walks import walk_orbits
-from contimpact.models.word import Word
+from contimpact.models.guards import Word
 from contimpact.orbits.problem import Array, OrbitProblem
 from contimpact.segments.kernels import Kernels
 

@@ -33,8 +33,8 @@ from contimpact import Formulas, Oscillator, Settings, find_orbits
 from contimpact.bifurcations.kind import test_functions
 from contimpact.continuation.branch import Walk
 from contimpact.diagrams.orbit_walks import walk_orbits
+from contimpact.models.guards import Word
 from contimpact.models.nonlinear import Nonlinear
-from contimpact.models.word import Word
 from contimpact.orbits.problem import Array, OrbitProblem
 from contimpact.orbits.quiet import problem_of
 from contimpact.orbits.search import solve_near

@@ -20,7 +20,7 @@ import mpmath as mp
 import pytest
 from exact_flights import FORCINGS, exact_flight
 
-from contimpact.models.word import parse_word
+from contimpact.models.guards import parse_word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.segments.kernels import Kernels
 from contimpact.systems.impact_pair import ImpactPair

@@ -28,7 +28,7 @@ from contimpact.bifurcations.grazing import touches_at
 from contimpact.bifurcations.kind import switch, test_functions
 from contimpact.continuation.corrector import correct
 from contimpact.diagrams.orbit_walks import walk_both_ways
-from contimpact.models.word import Word
+from contimpact.models.guards import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import solve_near
 from contimpact.segments.kernels import Kernels

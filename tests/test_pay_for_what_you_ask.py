@@ -344,7 +344,7 @@ def test_second_derivatives_are_of_the_unknowns_at_a_flights_ends(laps):
 
     import contimpact as ci
     from contimpact.bifurcations.extended_system import Crossing
-    from contimpact.models.word import Word
+    from contimpact.models.guards import Word
     from contimpact.orbits.problem import OrbitProblem
     from contimpact.segments.kernels import Kernels
 

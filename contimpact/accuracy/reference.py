@@ -16,8 +16,7 @@ import numpy as np
 
 from ..bifurcations.equations import Equations
 from ..bifurcations.kind import kind_of
-from ..models.guards import way_back
-from ..models.word import Word
+from ..models.guards import Word, way_back
 from ..orbits.problem import Array, OrbitProblem
 from ..segments.bounded import many_digits
 from ..segments.kernels import Kernels

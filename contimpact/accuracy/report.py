@@ -34,7 +34,7 @@ from ..diagrams.explore import follow
 from ..diagrams.orbit_walks import walk_orbits
 from ..diagrams.starting_orbits import orbits_at_start
 from ..errors import InputError, require_whole
-from ..models.word import Word
+from ..models.guards import Word
 from ..orbits.orbit import Orbit
 from ..orbits.problem import OrbitProblem
 from ..orbits.status import multipliers

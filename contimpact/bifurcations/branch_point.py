@@ -15,7 +15,7 @@ import numpy as np
 
 from ..continuation.branch import EndKind, Location, Problem, TestFunction
 from ..continuation.corrector import orient_vector
-from ..models.word import Word
+from ..models.guards import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from .codimension_two import GrazingCoincides, MultiplierCoincides, PairCoincides, StopCoincides
 from .extended_system import (

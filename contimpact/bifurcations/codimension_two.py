@@ -37,7 +37,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array
 from ..continuation.branch import Details, Event, Point, TestFunction
 from ..continuation.corrector import log_determinant
-from ..models.word import Word
+from ..models.guards import Word
 from ..orbits.problem import Linearisation
 from ..orbits.quiet import problem_of
 from ..orbits.status import neimark_sacker, pair_on_circle, products_of

@@ -38,8 +38,8 @@ import numpy as np
 from scipy.linalg import lu_factor, lu_solve
 
 from ..arrays import Array
+from ..models.guards import Word
 from ..models.model import Model
-from ..models.word import Word
 from ..orbits.problem import Linearisation
 from ..segments.bounded import bounds_of
 from ..segments.kernels import Kernels

@@ -21,7 +21,7 @@ import numpy as np
 
 from ..continuation.branch import TestFunction
 from ..continuation.corrector import orient_vector
-from ..models.word import Word
+from ..models.guards import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from ..orbits.quiet import QuietProblem, problem_of
 from .codimension_two import (

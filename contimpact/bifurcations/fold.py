@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..continuation.branch import TestFunction
-from ..models.word import Word
+from ..models.guards import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from .codimension_two import (
     CurveTest,

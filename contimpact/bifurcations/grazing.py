@@ -32,8 +32,7 @@ from itertools import pairwise
 import numpy as np
 
 from ..continuation.branch import Between, EndKind, Location, Point, Problem, TestFunction
-from ..models.guards import Guard, is_path, way_back
-from ..models.word import Word
+from ..models.guards import Guard, Word, is_path, way_back
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
 from ..orbits.status import PASSES, Verdict, count_unstable

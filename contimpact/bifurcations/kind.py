@@ -33,7 +33,7 @@ from ..continuation.corrector import Arc, border_jacobian, first_tangent, orient
 from ..continuation.events import find_events
 from ..continuation.settings import Settings
 from ..continuation.sign_changes import Sample, Stretch
-from ..models.word import Word, repetitions
+from ..models.guards import Word, repetitions
 from ..orbits.problem import Linearisation, OrbitProblem, rounding
 from ..orbits.search import first_lap, reduce_period
 from ..orbits.status import PHYSICAL, UNIT_CIRCLE_ROUNDING, Verdict, count_unstable

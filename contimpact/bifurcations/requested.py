@@ -7,7 +7,7 @@ import numpy as np
 from ..arrays import Number
 from ..continuation.branch import TestFunction
 from ..errors import require_known
-from ..models.word import Word
+from ..models.guards import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding_of_setup
 from .codimension_two import GrazingCoincides, StopCoincides
 from .declarations import REQUESTED

@@ -26,9 +26,8 @@ import numpy as np
 
 from ..arrays import Array
 from ..continuation.branch import Details, Location
-from ..models.guards import Guard, are_parallel, crosses_at, is_path, slides_at, state_size
+from ..models.guards import Guard, Word, are_parallel, crosses_at, is_path, slides_at, state_size
 from ..models.model import Model
-from ..models.word import Word
 from ..orbits.problem import Linearisation, OrbitProblem, rounding
 from ..orbits.quiet import QuietProblem, problem_of
 from ..orbits.search import solve_near

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..continuation.branch import EndKind, Point, TestFunction
-from ..models.word import Word
+from ..models.guards import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding
 from ..orbits.status import neimark_sacker, pair_on_circle
 from .codimension_two import (

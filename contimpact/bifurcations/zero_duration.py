@@ -11,7 +11,7 @@ import numpy as np
 
 from ..continuation.branch import Location, Problem, TestFunction
 from ..continuation.corrector import first_tangent
-from ..models.word import Word
+from ..models.guards import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding_of_setup
 from ..orbits.status import OUT_OF_ORDER, Verdict, count_unstable
 from .extended_system import (

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..continuation.branch import Location, Problem, TestFunction
-from ..models.word import Word
+from ..models.guards import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from ..orbits.status import WRONG_WAY, Verdict, count_unstable
 from .codimension_two import touch_points

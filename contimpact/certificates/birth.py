@@ -31,7 +31,7 @@ from flint import arb, arb_mat, arb_series, ctx
 
 from ..arrays import Array
 from ..bifurcations.equations import residuals_of
-from ..models.word import Word
+from ..models.guards import Word
 from ..orbits.problem import OrbitProblem
 from .equations import BallProblem, Balls, Flight, column, krawczyk, preconditioner
 from .tube import Node, Segment, Tube, balls_around_zero, bound_in, coefficient, range_of, round_up

@@ -19,8 +19,8 @@ from flint import arb, ctx
 
 from ..bifurcations.kind import kind_of
 from ..continuation.branch import EndKind
+from ..models.guards import Word
 from ..models.model import Model
-from ..models.word import Word
 from ..orbits.problem import Array, OrbitProblem
 from ..progress import Progress, ignore_progress
 from ..results.branch import Branch, Entry, model_at

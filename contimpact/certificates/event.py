@@ -13,7 +13,7 @@ from flint import arb, ctx
 from ..bifurcations.kind import Change, kind_of, orbits_beside
 from ..bifurcations.zero_velocity import impacts_at_rest as stopped_at
 from ..errors import InputError
-from ..models.word import Word
+from ..models.guards import Word
 from ..orbits.problem import Linearisation
 from ..orbits.quiet import problem_of
 from ..orbits.search import solve_near

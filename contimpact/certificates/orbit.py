@@ -26,8 +26,7 @@ from ..bifurcations.sliding import (
     sliding_kind_of_zero_duration,
     sliding_kind_of_zero_velocity,
 )
-from ..models.guards import Guard, same_surface
-from ..models.word import Word
+from ..models.guards import Guard, Word, same_surface
 from ..orbits.problem import OrbitProblem
 from ..orbits.quiet import problem_of
 from ..segments.ball_flow import number

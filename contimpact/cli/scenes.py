@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, printable
-from ..models.word import name_orbit
+from ..models.guards import name_orbit
 from ..progress import Progress, telling
 from ..results.options import FORMATS, CurveOptions
 from ..results.result_folder import hold_folder, prepare_folder

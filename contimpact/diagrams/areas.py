@@ -22,8 +22,8 @@ from ..bifurcations.grazing import G
 from ..bifurcations.kind import test_functions
 from ..continuation.branch import EndKind
 from ..continuation.walk import reraise_interruption
+from ..models.guards import Word
 from ..models.model import Model
-from ..models.word import Word
 from ..orbits.orbit import Orbit
 from ..orbits.quiet import problem_of
 from ..progress import Progress

@@ -31,7 +31,7 @@ from scipy.optimize import brentq
 
 from ..arrays import Array
 from ..bifurcations.declarations import REQUESTED
-from ..models.word import is_rotation
+from ..models.guards import is_rotation
 from ..results.curve import Curve, falling_column, ghost_mask
 from ..results.scene import Scene
 

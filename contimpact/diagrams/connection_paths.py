@@ -15,7 +15,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..bifurcations.crisis import Connected, Connection, Passage, solve, unstable_direction
-from ..models.word import Word, is_rotation
+from ..models.guards import Word, is_rotation
 from ..orbits.orbit import Orbit
 from ..orbits.search import solve_near
 from ..segments.touches import interior_touches

@@ -18,8 +18,8 @@ from ..continuation.branch import End, EndKind, Event, Point, Points
 from ..continuation.settings import Settings
 from ..continuation.walk import reraise_interruption, walk
 from ..errors import InputError, explain_arguments
+from ..models.guards import Word
 from ..models.model import Model
-from ..models.word import Word
 from ..orbits.orbit import Orbit
 from ..orbits.quiet import problem_of
 from ..orbits.search import find_orbits, solve_near

@@ -18,8 +18,8 @@ import numpy as np
 from ..arrays import Array
 from ..bifurcations.crisis import Connected, refined, unstable_direction
 from ..errors import InputError, explain_arguments, require_whole
+from ..models.guards import Word, is_rotation
 from ..models.model import Model
-from ..models.word import Word, is_rotation
 from ..orbits.orbit import Orbit
 from ..orbits.search import solve_near
 from ..results.branch import Entry

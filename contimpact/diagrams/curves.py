@@ -40,8 +40,8 @@ from ..continuation.events import snap_to_points
 from ..continuation.settings import Settings
 from ..continuation.walk import Policy, keep_interrupted, other_way, walk
 from ..errors import InputError, each_once, explain_arguments, short_repr
+from ..models.guards import Word
 from ..models.model import Model
-from ..models.word import Word
 from ..orbits.orbit import Orbit
 from ..orbits.problem import Linearisation, OrbitProblem, rounding
 from ..orbits.quiet import problem_of

@@ -23,9 +23,9 @@ import numpy as np
 from ..arrays import Array
 from ..errors import InputError, explain_arguments
 from ..models.expressions import values_of
+from ..models.guards import Word
 from ..models.model import Model
 from ..models.outputs import TIME, VOLTAGE, state_names
-from ..models.word import Word
 from ..orbits.orbit import Orbit
 from ..orbits.output_slopes import largest_values, slopes_of_means
 from ..orbits.outputs import means_of

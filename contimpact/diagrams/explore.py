@@ -24,7 +24,7 @@ from ..continuation.branch import End, EndKind, Event, TestFunction
 from ..continuation.settings import Settings
 from ..continuation.walk import is_interrupted, reraise_interruption
 from ..errors import InputError, explain_arguments, short_repr
-from ..models.word import Word
+from ..models.guards import Word
 from ..orbits.orbit import Orbit
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of

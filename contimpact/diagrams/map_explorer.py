@@ -21,8 +21,8 @@ from ..continuation.corrector import correct, first_tangent, length
 from ..continuation.settings import Settings
 from ..continuation.walk import Options, reraise_interruption
 from ..errors import InputError, explain_arguments
+from ..models.guards import Word
 from ..models.model import Model
-from ..models.word import Word
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
 from ..orbits.search import repeats, solve_near

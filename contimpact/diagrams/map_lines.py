@@ -26,8 +26,8 @@ from ..continuation.branch import End, EndKind, Event, Points, TestFunction
 from ..continuation.corrector import correct, first_tangent
 from ..continuation.settings import Settings
 from ..continuation.walk import reraise_interruption
+from ..models.guards import Word, is_rotation
 from ..models.model import Model
-from ..models.word import Word, is_rotation
 from ..orbits.orbit import Orbit
 from ..orbits.problem import OrbitProblem, Summary
 from ..orbits.quiet import problem_of

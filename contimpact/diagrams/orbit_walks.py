@@ -37,8 +37,8 @@ from ..continuation.settings import Settings, require_width
 from ..continuation.step import Backend, Batch, DenseBackend, Position
 from ..continuation.walk import SAME_SOLUTION, Options, Policy, keep_interrupted, other_way, walk
 from ..errors import InputError, short_repr
+from ..models.guards import Word
 from ..models.model import Symmetry
-from ..models.word import Word
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.quiet import FreeQuietProblem
 from ..orbits.search import mirror_orbit, reduce_period, repeats, rotate_to_word, solve_near

@@ -21,8 +21,8 @@ import numpy as np
 
 from ..display import NotebookResult, Summary, frame
 from ..errors import InputError, explain_arguments
+from ..models.guards import Word, is_rotation
 from ..models.model import Model
-from ..models.word import Word, is_rotation
 from ..results.branch import Branch, Entry, model_at
 from ..results.catalogue import (
     Bound,

@@ -20,9 +20,8 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import InputError, explain_arguments, short_repr
-from ..models.guards import graph
+from ..models.guards import Word, graph, parse_word, repetitions
 from ..models.model import Model
-from ..models.word import Word, parse_word, repetitions
 from ..orbits import search as orbits_search
 from ..orbits.orbit import Orbit
 from ..orbits.quiet import problem_of

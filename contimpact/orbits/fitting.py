@@ -25,9 +25,8 @@ import numpy as np
 from ..arrays import Array
 from ..display import NotebookResult, Summary
 from ..errors import InputError, did_you_mean, explain_arguments, short_repr
-from ..models.guards import Wall
+from ..models.guards import Wall, Word
 from ..models.model import Model
-from ..models.word import Word
 from ..segments.kernels import Kernels
 from .orbit import Orbit
 from .quiet import problem_of

@@ -12,9 +12,9 @@ import numpy as np
 from ..arrays import Array
 from ..display import NotebookResult, ParameterItems, Summary, frame, limit_lines
 from ..errors import InputError, short_repr
+from ..models.guards import Word, name_orbit
 from ..models.model import Model
 from ..models.outputs import Harvester, Output
-from ..models.word import Word, name_orbit
 from .outputs import Contact, Mean, contacts_of, mean_output, output_along, rates_of
 from .problem import Linearisation, OrbitProblem, Path, motion_of, path_of
 from .quiet import problem_in

@@ -34,9 +34,8 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array, Number
 from ..errors import InputError
-from ..models.guards import Guard, pivot, state_before, state_size
+from ..models.guards import Guard, Word, pivot, state_before, state_size
 from ..models.model import Model
-from ..models.word import Word
 from ..segments.bounded import UNIT, BoundedNumber, bounds_of, bounds_of_kernel
 from ..segments.flight import FlightGaps, flight_gaps
 from ..segments.integration import KEPT

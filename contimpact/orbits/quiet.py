@@ -26,9 +26,8 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array, Number, Vector
 from ..errors import InputError
-from ..models.guards import Row, following_letters, state_before, state_size
+from ..models.guards import Row, Word, following_letters, state_before, state_size
 from ..models.model import Model
-from ..models.word import Word
 from ..segments.flight import FlightGaps, Touch, breaks_of, touch_of
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION

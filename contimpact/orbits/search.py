@@ -26,9 +26,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ..errors import InputError
-from ..models.guards import graph
+from ..models.guards import Word, graph, parse_word
 from ..models.model import Model, Symmetry
-from ..models.word import Word, parse_word
 from ..progress import Asked, Progress, ignore_progress, progress_lines
 from ..segments.compiling import timed_plainly
 from ..segments.kernels import Kernels

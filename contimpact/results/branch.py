@@ -18,8 +18,8 @@ from ..bifurcations.requested import PERIOD
 from ..continuation.branch import End, EndKind, same_place
 from ..display import NotebookResult, ParameterItems, Summary, frame, limit_lines
 from ..errors import InputError, did_you_mean, printable, short_repr
+from ..models.guards import Word, name_orbit
 from ..models.model import Model
-from ..models.word import Word, name_orbit
 from ..orbits.orbit import Orbit
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of

@@ -26,8 +26,8 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import InputError, explain_arguments
+from ..models.guards import LONGEST_WORD
 from ..models.model import Model
-from ..models.word import LONGEST_WORD
 from ..schema import attribute, build_record, fit_value, record, table_columns
 from ..storage import (
     LARGEST_RECORD,

@@ -41,10 +41,9 @@ from ..errors import (
     short_repr,
 )
 from ..models.expressions import names_in
-from ..models.guards import graph
+from ..models.guards import Word, graph, parse_word
 from ..models.model import Example, Model, Parameter, require_forcing
 from ..models.outputs import VOLTAGE, Output, check_output
-from ..models.word import Word, parse_word
 from ..schema import Key, Table, fit, key, read, written
 from ..storage import check_length, read_bounded, reason
 from ..systems import SYSTEMS, find_system, list_systems, summary, system

@@ -20,9 +20,8 @@ from scipy.linalg import eig
 
 from ..arrays import Array
 from ..errors import InputError, explain_arguments
-from ..models.guards import orders_of, state_before
+from ..models.guards import Word, orders_of, state_before
 from ..models.model import Model, require_forcing
-from ..models.word import Word
 from ..results.options import SETTLING, Settling
 from ..segments.bounded import UNIT, bounds_of
 from ..segments.flight import FlightGaps, flight_gaps

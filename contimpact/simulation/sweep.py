@@ -17,8 +17,8 @@ import numpy as np
 from ..arrays import Array
 from ..display import NotebookResult, ParameterItems, Summary, frame, limit_lines
 from ..errors import InputError, did_you_mean, explain_arguments, short_repr
+from ..models.guards import Word, is_rotation
 from ..models.model import Model
-from ..models.word import Word, is_rotation
 from ..orbits.orbit import Orbit
 from ..orbits.quiet import problem_of
 from ..orbits.search import solve_near

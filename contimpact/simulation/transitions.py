@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import explain_arguments
-from ..models.word import Word, is_rotation
+from ..models.guards import Word, is_rotation
 from ..orbits.quiet import problem_of
 from ..orbits.search import solve_near
 from ..results.branch import Entry

@@ -22,7 +22,7 @@ from ..bifurcations.declarations import SWITCHES
 from ..display import NotebookResult, Summary, frame
 from ..errors import InputError, explain_arguments, require_known, short_repr
 from ..models import expressions
-from ..models.word import is_rotation
+from ..models.guards import is_rotation
 from ..results.catalogue import branch_in
 from ..results.scene import read_scene
 from ..simulation.attractor import Attractor, Kind

@@ -14,7 +14,7 @@ import numpy as np
 
 import contimpact as ci
 from contimpact.bifurcations.grazing import CHAOS, IMMEDIATE, JUMP, OVERLAP, windows
-from contimpact.models.word import Word
+from contimpact.models.guards import Word
 from contimpact.orbits.orbit import Orbit
 from contimpact.orbits.search import solve_near
 from contimpact.results.branch import orbit_with

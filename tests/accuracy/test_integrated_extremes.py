@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 import contimpact as ci
 from contimpact.continuation.branch import EndKind
-from contimpact.models.word import Word
+from contimpact.models.guards import Word
 from contimpact.orbits.quiet import problem_of
 from contimpact.orbits.search import orbit_at
 from contimpact.segments.kernels import Kernels

@@ -13,7 +13,7 @@ from contimpact.bifurcations.kind import test_functions as make_tests
 from contimpact.continuation import corrector as linear
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams.orbit_walks import walk_both_ways
-from contimpact.models.word import Word
+from contimpact.models.guards import Word
 from contimpact.orbits import status as stability
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits

@@ -16,7 +16,7 @@ from contimpact.bifurcations.scalar_systems import FLIGHT, TOUCH
 from contimpact.continuation.branch import TestFunction
 from contimpact.diagrams.orbit_branch import continue_born, continue_orbit
 from contimpact.diagrams.orbit_walks import walk_orbits
-from contimpact.models.word import Word
+from contimpact.models.guards import Word
 from contimpact.systems.soft_stop import SoftStop
 
 needs_llvmlite = pytest.mark.skipif(

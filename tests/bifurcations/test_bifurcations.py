@@ -23,7 +23,7 @@ from contimpact.continuation.walk import walk
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.diagrams.orbit_walks import walk_orbits
 from contimpact.errors import InputError
-from contimpact.models.word import Word
+from contimpact.models.guards import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
 from contimpact.segments.kernels import Kernels

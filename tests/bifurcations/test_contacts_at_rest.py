@@ -18,7 +18,7 @@ from zoo import Preloaded
 from contimpact import continue_orbit, follow_curve
 from contimpact.bifurcations.extended_system import has_multiplier
 from contimpact.bifurcations.kind import Change, _missed_change
-from contimpact.models.word import Word
+from contimpact.models.guards import Word
 from contimpact.orbits.orbit import Orbit
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import solve_near

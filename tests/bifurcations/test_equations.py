@@ -5,7 +5,7 @@ import pytest
 from zoo import TWO_MASSES
 
 from contimpact.bifurcations.kind import Equations, kind_of
-from contimpact.models.word import Word
+from contimpact.models.guards import Word
 from contimpact.orbits.quiet import QuietProblem
 from contimpact.orbits.search import find_orbits
 from contimpact.segments.derivatives import Series, series

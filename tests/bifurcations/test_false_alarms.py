@@ -15,7 +15,7 @@ from contimpact.continuation.branch import MissedEvent
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.diagrams.orbit_walks import walk_both_ways
-from contimpact.models.word import Word
+from contimpact.models.guards import Word
 from contimpact.orbits.quiet import problem_of
 from contimpact.orbits.search import find_orbits, orbit_at
 from contimpact.results.catalogue import load_diagram

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 from zoo import unknowns_of
 
 from contimpact import continue_orbit, find_orbits
-from contimpact.models.word import Word
+from contimpact.models.guards import Word
 from contimpact.orbits.problem import Linearisation, OrbitProblem
 from contimpact.results.scene import read_scene
 from contimpact.segments.kernels import Kernels

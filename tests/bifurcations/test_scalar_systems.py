@@ -12,7 +12,7 @@ from contimpact import ImpactPair
 from contimpact.bifurcations.event_solver import solver_of
 from contimpact.bifurcations.extended_system import SingularCycle, TouchingFlight, solve
 from contimpact.bifurcations.scalar_systems import LONGEST, ScalarForm
-from contimpact.models.word import Word
+from contimpact.models.guards import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.segments.kernels import Kernels
 

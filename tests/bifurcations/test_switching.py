@@ -17,7 +17,7 @@ from contimpact.diagrams.explore import follow
 from contimpact.diagrams.orbit_branch import continue_born, continue_orbit
 from contimpact.diagrams.orbit_walks import walk_both_ways, walk_orbits
 from contimpact.errors import InputError
-from contimpact.models.word import Word
+from contimpact.models.guards import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
 from contimpact.results.branch import Branch

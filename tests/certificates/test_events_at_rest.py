@@ -11,7 +11,7 @@ from zoo import PRELOADED, ROOT, Preloaded
 
 import contimpact
 from contimpact.continuation.settings import Settings
-from contimpact.models.word import Word
+from contimpact.models.guards import Word
 from contimpact.orbits.orbit import Orbit
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import solve_near

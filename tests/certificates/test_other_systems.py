@@ -17,7 +17,7 @@ from zoo import ROOT
 import contimpact
 from contimpact import certify, continue_orbit, find_orbits, load_entries, load_scene
 from contimpact.diagrams.explore import follow
-from contimpact.models.word import Word
+from contimpact.models.guards import Word
 from contimpact.results.catalogue import open_results, write_diagram
 from contimpact.results.options import CertifyOptions
 from contimpact.results.scene import read_scene

@@ -19,7 +19,7 @@ from event_driven import random_scene
 
 from contimpact.diagrams.explore import follow
 from contimpact.errors import InputError
-from contimpact.models.word import Word
+from contimpact.models.guards import Word
 from contimpact.results.scene import read_scene
 from contimpact.segments.kernels import Kernels
 from contimpact.simulation.sweep import Sweep, orbits_on

@@ -11,7 +11,7 @@ from integrated import Integrated
 
 import contimpact as ci
 from contimpact.diagrams.orbit_walks import SwitchingBackend
-from contimpact.models.word import Word
+from contimpact.models.guards import Word
 from contimpact.orbits.quiet import problem_of
 from contimpact.orbits.search import orbit_at
 from contimpact.segments import compiling

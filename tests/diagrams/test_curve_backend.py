@@ -20,7 +20,7 @@ from contimpact.diagrams import curves
 from contimpact.diagrams.curve_problem import CurveProblem, backend_of, curve_problem
 from contimpact.diagrams.curves import follow_curve
 from contimpact.diagrams.orbit_branch import continue_orbit
-from contimpact.models.word import Word
+from contimpact.models.guards import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
 from contimpact.segments import compiling

@@ -15,7 +15,7 @@ from contimpact.diagrams.explore import follow
 from contimpact.diagrams.map_lines import same_curve
 from contimpact.diagrams.orbit_branch import continue_born, continue_orbit
 from contimpact.errors import InputError
-from contimpact.models.word import Word
+from contimpact.models.guards import Word
 from contimpact.orbits.quiet import problem_of
 from contimpact.orbits.search import find_orbits
 from contimpact.results.catalogue import load_diagram, load_entries, write_diagram

@@ -17,7 +17,7 @@ from invariants import Watch
 from contimpact import ImpactPair, Settings
 from contimpact.bifurcations.kind import test_functions as functions_of
 from contimpact.diagrams.orbit_walks import walk_orbits
-from contimpact.models.word import Word
+from contimpact.models.guards import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.segments.kernels import Kernels
 

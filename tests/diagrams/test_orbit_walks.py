@@ -15,7 +15,7 @@ from contimpact.continuation.settings import Settings
 from contimpact.continuation.step import Position
 from contimpact.continuation.walk import walk
 from contimpact.diagrams.orbit_walks import backend_of, walk_orbits
-from contimpact.models.word import Word
+from contimpact.models.guards import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
 

@@ -9,7 +9,7 @@ import pytest
 
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams.orbit_walks import walk_both_ways
-from contimpact.models.word import Word
+from contimpact.models.guards import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.segments.kernels import Kernels
 from contimpact.systems.bouncing_ball import BouncingBall

@@ -20,7 +20,7 @@ from contimpact.continuation.settings import Settings
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.orbit_walks import walk_both_ways
 from contimpact.errors import InputError
-from contimpact.models.word import parse_word
+from contimpact.models.guards import parse_word
 from contimpact.orbits.search import repeats, solve_near
 from contimpact.results.scene import read_scene
 

@@ -12,7 +12,7 @@ from integrated import MASSES, Integrated, IntegratedMasses
 import contimpact as ci
 from contimpact.diagrams.chain_backend import SectionBackend
 from contimpact.diagrams.orbit_walks import backend_of
-from contimpact.models.word import parse_word
+from contimpact.models.guards import parse_word
 from contimpact.orbits.orbit import Orbit
 from contimpact.orbits.quiet import problem_of
 from contimpact.orbits.search import solve_near

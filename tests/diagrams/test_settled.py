@@ -13,7 +13,7 @@ from contimpact.diagrams.starting_orbits import (
     unknowns_of_word,
     word_of,
 )
-from contimpact.models.word import Word
+from contimpact.models.guards import Word
 from contimpact.orbits import search
 from contimpact.orbits.quiet import problem_of
 from contimpact.results.options import Settling

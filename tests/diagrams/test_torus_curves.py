@@ -17,7 +17,7 @@ from contimpact.diagrams.curve_problem import curve_problem
 from contimpact.diagrams.curves import follow_curve
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.orbit_branch import continue_orbit
-from contimpact.models.word import Word
+from contimpact.models.guards import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
 from contimpact.results.catalogue import load_entries

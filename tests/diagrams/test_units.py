@@ -19,7 +19,7 @@ from contimpact.continuation.branch import Event, Point
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams.connection_paths import is_physical
 from contimpact.diagrams.orbit_walks import walk_both_ways, walk_orbits
-from contimpact.models.word import Word
+from contimpact.models.guards import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.quiet import QuietProblem
 from contimpact.results.scene import read_scene

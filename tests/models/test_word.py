@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contimpact.errors import InputError
-from contimpact.models.word import LONGEST_WORD, Word, parse_word
+from contimpact.models.guards import LONGEST_WORD, Word, parse_word
 
 READ = [
     ("1:1", "BT", 1),

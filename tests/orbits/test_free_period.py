@@ -18,8 +18,8 @@ from contimpact.bifurcations.codimension_two import double_orbit
 from contimpact.continuation.branch import EndKind
 from contimpact.diagrams.orbit_walks import symmetric_end
 from contimpact.errors import InputError
+from contimpact.models.guards import Word, parse_word
 from contimpact.models.model import Formulas
-from contimpact.models.word import Word, parse_word
 from contimpact.orbits import quiet
 from contimpact.orbits.quiet import problem_of
 from contimpact.orbits.search import orbit_at

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from zoo import ROOT, unknowns_of
 
-from contimpact.models.word import Word
+from contimpact.models.guards import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits, mirror_orbit, repeats, rotate_to_word
 from contimpact.results.catalogue import load_diagram

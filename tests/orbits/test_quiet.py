@@ -14,7 +14,7 @@ from contimpact.accuracy.report import report
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.orbit_branch import continue_born, continue_orbit
 from contimpact.errors import InputError
-from contimpact.models.word import Word
+from contimpact.models.guards import Word
 from contimpact.orbits import quiet as module
 from contimpact.orbits.quiet import QuietProblem
 from contimpact.orbits.search import find_orbits

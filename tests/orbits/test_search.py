@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from zoo import unknowns_of
 
 from contimpact.errors import InputError
-from contimpact.models.word import Word, parse_word
+from contimpact.models.guards import Word, parse_word
 from contimpact.orbits import search
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits, orbit_at, solve_near

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from zoo import two_masses
 
-from contimpact.models.word import parse_word
+from contimpact.models.guards import parse_word
 from contimpact.orbits.quiet import problem_of
 from contimpact.orbits.search import compiled_starts, find_orbits, solve_rounds
 from contimpact.segments.kernels import Kernels

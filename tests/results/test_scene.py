@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from contimpact.continuation.settings import Settings
 from contimpact.errors import InputError
-from contimpact.models.word import Word
+from contimpact.models.guards import Word
 from contimpact.results.scene import Scene, load_scene, read_scene
 
 VALID = {

@@ -24,7 +24,7 @@ from contimpact.continuation.settings import Settings
 from contimpact.diagrams.orbit_program import program_of
 from contimpact.diagrams.orbit_walks import backend_of, walk_orbits
 from contimpact.errors import InputError
-from contimpact.models.word import parse_word
+from contimpact.models.guards import parse_word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
 from contimpact.segments import compiling as module

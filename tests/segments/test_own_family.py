@@ -10,7 +10,7 @@ from contimpact import continue_orbit, find_orbits
 from contimpact.accuracy.reference import Reference
 from contimpact.bifurcations.kind import kind_of
 from contimpact.diagrams.orbit_walks import walk_orbits
-from contimpact.models.word import Word
+from contimpact.models.guards import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.segment import kernel_of

@@ -8,7 +8,7 @@ import pytest
 from zoo import two_masses, unknowns_of
 
 from contimpact.accuracy.reference import Reference
-from contimpact.models.word import Word
+from contimpact.models.guards import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
 from contimpact.segments.bounded import many_digits

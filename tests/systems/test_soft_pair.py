@@ -19,7 +19,7 @@ from contimpact.diagrams.curves import check_range
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.errors import InputError
 from contimpact.models.equations import equations_of
-from contimpact.models.word import Word
+from contimpact.models.guards import Word
 from contimpact.orbits import outputs
 from contimpact.orbits.orbit import Orbit
 from contimpact.orbits.problem import OrbitProblem

@@ -13,8 +13,8 @@ from contimpact.accuracy.reference import Reference
 from contimpact.bifurcations.fold import Fold
 from contimpact.diagrams.orbit_branch import continue_born, continue_orbit
 from contimpact.errors import InputError
+from contimpact.models.guards import Word
 from contimpact.models.model import Parameter
-from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
 from contimpact.segments.kernels import Kernels
