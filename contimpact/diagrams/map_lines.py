@@ -21,7 +21,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..bifurcations.extended_system import solve
-from ..bifurcations.kind import kind_of, primitive_start, switch, test_functions
+from ..bifurcations.kind import Start, kind_of, primitive_start, switch, test_functions
 from ..continuation.branch import End, EndKind, Event, Points, TestFunction
 from ..continuation.corrector import correct, first_tangent
 from ..continuation.settings import Settings
@@ -40,7 +40,7 @@ from ..results.entry_conversion import details_of
 from ..results.scene import Scene
 from ..segments.kernels import Kernels
 from .curve_problem import system_of
-from .orbit_walks import Run, first_step, run_born, symmetric_end, walk_both_ways, walk_orbits
+from .orbit_walks import Run, first_step, run_born, symmetric_end, walk_both_ways
 
 # One-parameter runs across a map of curves: what the curves are started from and checked against.
 #
@@ -129,21 +129,13 @@ def _walk(scene: Scene, problem: OrbitProblem, start: Array, limits: Range) -> R
 def _orbit_beside(problem: OrbitProblem, unknowns: Array, scene: Scene, limits: Range) -> Array:
     """An orbit one step further on the branch through another one, if that step can be made."""
     jacobian = problem.evaluate(unknowns).jacobian
-    settings = dataclasses.replace(scene.settings, max_points=2)
     scale = problem.scale(unknowns, limits[1] - limits[0])
     tangent = first_tangent(problem, jacobian, scale)
     if tangent is None:
         return unknowns
+    start = Start(problem, unknowns, tangent, branching=False, both_ways=True)
     for direction in (+1, -1):
-        walk = walk_orbits(
-            problem,
-            unknowns,
-            direction,
-            limits=limits,
-            settings=settings,
-            tangent=tangent,
-            gaps=False,
-        )
+        walk = first_step(start, limits, scene.settings, direction, gaps=False)
         if len(walk.points) > 1 and limits[0] < walk.points[-1].parameter < limits[1]:
             return walk.points[-1].unknowns
     return unknowns

@@ -681,9 +681,13 @@ def run_born(
 
 
 def first_step(
-    start: Start, limits: tuple[float, float], settings: Settings, direction: int = +1
+    start: Start,
+    limits: tuple[float, float],
+    settings: Settings,
+    direction: int = +1,
+    gaps: bool = True,
 ) -> Walk:
-    """Return the walk's first step, to see where it leads."""
+    """Return the walk's first step, to see where it leads; `gaps` as of `walk_orbits`."""
     return walk_orbits(
         start.problem,
         start.unknowns,
@@ -692,6 +696,7 @@ def first_step(
         tangent=start.tangent,
         branching=start.branching,
         settings=dataclasses.replace(settings, max_points=2),
+        gaps=gaps,
     )
 
 
