@@ -24,7 +24,7 @@ TABLES = (
     "maps/*.csv",
     "tables/*.csv",
 )
-LARGE = {"catalogue.json": 300_000, "simulation/*.json": 10_000}
+LARGE = {"catalogue.json": 100_000, "simulation/*.json": 10_000}
 """Bytes of JSON files from which on they are compressed."""
 MOST = 12_000_000
 """Bytes that all of ``branches/`` may have."""
