@@ -22,6 +22,7 @@ from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
 from contimpact.results.catalogue import load_diagram, write_diagram
 from contimpact.segments.kernels import Kernels
+from contimpact.storage import read_bounded
 from contimpact.systems.impact_pair import ImpactPair
 
 PANELS = {
@@ -146,7 +147,7 @@ def test_codimension_three_is_the_same_in_either_family():
     """The pair depends on d, gbar and r alone: s and A are two ways through the same points."""
     found = []
     for name in ("fig6_A", "fig6_s"):
-        catalogue = json.loads((ROOT / "branches" / name / "catalogue.json").read_text())
+        catalogue = json.loads(read_bounded(ROOT / "branches" / name / "catalogue.json"))
         points = [p for c in catalogue["codimension2_curves"] for p in c["codimension2"]]
         places = [p["parameters"] for p in points if p["kind"] == "PD-G, GPD"]
         found.append([[p[n] for n in ("d", "gbar", "r")] for p in places])
