@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import importlib
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -59,15 +60,23 @@ def defer_interruptions(interruption: Interruption) -> Iterator[None]:
 
 
 def draw_pictures(
-    interruption: Interruption, files: Files, tell: Progress, draw: Callable[[], None]
+    interruption: Interruption,
+    files: Files,
+    tell: Progress,
+    draw: Callable[[], None],
+    module: str = "",
 ) -> bool:
     """Draw pictures; returns whether nothing has interrupted.
 
     Within a `defer_interruptions` block, an interruption ends the drawing at once, and after an
     earlier one nothing is drawn. Pictures that are complete by then are recorded among the files.
+    The module that draws is imported before: what an interruption leaves of matplotlib cannot be
+    imported again.
     """
     before = _states(files.folder)
     try:
+        if module and not interruption.happened:
+            importlib.import_module(module, __package__)
         interruption.raising = True
         if interruption.happened:
             raise KeyboardInterrupt

@@ -164,9 +164,10 @@ def _write_run(
             pictures["page"] = lambda: add_page(scene, diagram, files, tell)
         if scene.plot.formats and not options.no_plot:
             pictures["plot"] = lambda: _save_plots(scene, diagram, files)
+        modules = {"plot": "..plots.diagram"}
         for name, draw in pictures.items():
             drawing = time.perf_counter()
-            if not draw_pictures(interruption, files, tell, draw):
+            if not draw_pictures(interruption, files, tell, draw, modules.get(name, "")):
                 what, how = ("page", "plot --html") if name == "page" else ("diagram", "plot")
                 left_out.append(f"{what}: {INTERRUPTED}; contimpact {how} draws it")
             seconds[name] = time.perf_counter() - drawing

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from functools import partial
 from pathlib import Path
 
 from ..diagrams.scene_simulation import Simulation, simulate, write_simulation
@@ -96,7 +97,8 @@ def _write(
             left_out.append("pictures: the run was interrupted before the sweep")
         else:
             drawing = time.perf_counter()
-            if not draw_pictures(interruption, files, tell, lambda: _save_pictures(result, files)):
+            draw = partial(_save_pictures, result, files)
+            if not draw_pictures(interruption, files, tell, draw, "..plots.attractors"):
                 result.interrupted = result.interrupted or "pictures"
                 left_out.append("pictures: the run was interrupted")
             result.seconds["plot"] = time.perf_counter() - drawing

@@ -200,6 +200,43 @@ def test_an_interruption_is_named_with_its_place(
     assert table(tmp_path / "sweep.csv")[1]
 
 
+INTERRUPTED_IMPORT = """
+import importlib.util, signal, sys
+from contimpact.cli import main
+
+class Interrupting:
+    def find_spec(name, path, target=None):
+        if name != "matplotlib.collections":
+            return None
+        sys.meta_path.remove(Interrupting)
+        spec = importlib.util.find_spec(name)
+        load = spec.loader.exec_module
+        def interrupted(module):
+            load(module)
+            signal.raise_signal(signal.SIGINT)
+        spec.loader.exec_module = interrupted
+        return spec
+
+sys.meta_path.insert(0, Interrupting)
+sys.exit(main())
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
+@pytest.mark.full
+def test_an_interruption_while_matplotlib_is_imported(scene_file, tmp_path):
+    """What it leaves of matplotlib cannot be imported again, as for the pictures at the end."""
+    path, out = scene_file(SCENE.replace("both", "down")), tmp_path / "out"
+    given = ["simulate", str(path), "-o", str(out), "-q"]
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED_IMPORT, *given], capture_output=True, text=True
+    )
+    assert done.returncode == 1
+    (said,) = done.stderr.splitlines()
+    assert said.startswith("contimpact: interrupted (transitions): 0 of ")
+    assert (out / "attractors.png").stat().st_size > 5000
+
+
 @pytest.mark.parametrize("after", [2, 9, 14])
 @pytest.mark.full
 def test_interrupted_and_resumed(scene_file, simulated, tmp_path, monkeypatch, capsys, after):
