@@ -17,7 +17,7 @@ from __future__ import annotations
 import functools
 import math
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -38,6 +38,9 @@ if TYPE_CHECKING:
 CHUNK, FEW = 16384, 256
 """Rows made at once, at most and at first: interrupts come through between chunks."""
 _ENDLESS = 2**62
+
+MOST_TURNS = 2**53
+"""Periods after which a time has no phase in doubles."""
 
 RUNAWAY = 1e6
 """A motion that is faster than its start and than `Simulator.fastest` by this factor runs away: no
@@ -176,14 +179,26 @@ class Simulator(ParameterItems):
         Raises
         ------
         InputError
-            If the position is not within the walls, or the flight has to start at a wall.
+            If the position is not within the walls, the flight has to start at a wall, a number is
+            not finite, or a phase cannot be told from the time.
         """
         x, v = np.atleast_1d(position).tolist(), np.atleast_1d(velocity).tolist()
         for name, given in (("position", x), ("velocity", v)):
             if len(given) != (size := self.model.DEGREES_OF_FREEDOM):
                 accepted = f"give one for each degree of freedom: {size}"
                 raise InputError(name, f"{len(given)} numbers", accepted)
+        self._check_start(time, {"position": x, "velocity": v})
         return self.machine.start(time, x, v, mode)
+
+    def _check_start(self, time: float, numbers: Mapping[str, Sequence[float]]) -> None:
+        """Refuse numbers that are not finite, and times of which only the periods can be told."""
+        for name, given in {"time": [time], **numbers}.items():
+            for value in given:
+                if not math.isfinite(value):
+                    raise InputError(name, f"found {value!r}", "give a finite number")
+        if abs(time) >= MOST_TURNS * self.period:
+            found = f"{time!r} is {abs(time) / self.period:.3g} periods away"
+            raise InputError("time", found, "give one whose phase can be told, such as from 0 to T")
 
     # Runs.
 
@@ -203,11 +218,13 @@ class Simulator(ParameterItems):
         Raises
         ------
         InputError
-            If there is no such wall, the velocity runs away from it, or others are missing.
+            If there is no such wall, the velocity runs away from it, others are missing, a number
+            is not finite, or a phase cannot be told from the time.
         """
         if wall not in self.letters:
             raise InputError("wall", f"no wall {wall!r}", f"the walls are {self.letters}")
         k = self.letters.index(wall)
+        self._check_start(time, {"velocity": [velocity], "others": others})
         if not velocity * self.sides[k] >= 0.0:
             accepted = f"give one {'>=' if self.sides[k] > 0 else '<='} 0"
             raise InputError("velocity", f"{velocity!r} runs away from the wall {wall}", accepted)
