@@ -149,7 +149,8 @@ def check_changes(points, walk, asked, settings, switched):
     for k in np.nonzero(unstable[1:] != unstable[:-1])[0].tolist():
         kinds = [kind for kind in explaining if kind.explains(Change.STABILITY)]
         passed = passing(summary.multipliers[told[k : k + 2]])
-        unasked = "FB" not in asked and turns_between(points, told[k], told[k + 1])
+        turns = turns_between(points, told[k], told[k + 1])
+        unasked = ("FB" if turns else "BP") not in asked and (turns or (passed and passed > 0.0))
         asked_for = any(kind.passed(passed) for kind in kinds) and not unasked
         if asked_for and not (switched and told[k] == 0):
             assert explained_by(
@@ -166,7 +167,8 @@ def check_changes(points, walk, asked, settings, switched):
 
 def turns_between(points, i, j):
     """Whether the branch turns back in its parameter between two points: a fold lies there."""
-    return points[int(i)].tangent[-1] * points[int(j)].tangent[-1] < 0.0
+    rates = points[int(i)].tangent[-1], points[int(j)].tangent[-1]
+    return rates[0] * rates[1] < 0.0 or min(map(abs, rates)) < UPRIGHT
 
 
 def passing(multipliers):

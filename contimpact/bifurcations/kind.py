@@ -691,7 +691,26 @@ def _bisect_change(
         arc = after if state(middle) == here else before
     asked = {test.kind for test in tests}
     lacking = [kind for kind in _causes(arc.left, arc.right, change) if kind in asked]
+    if change is Change.STABILITY and _is_closed_in(arc):
+        lacking = [kind for kind in lacking if kind in _critical_kinds(arc)]
     return [], [_missed_change(kind, arc, change) for kind in lacking[:1]]
+
+
+def _is_closed_in(arc: Arc) -> bool:
+    return arc.right.arclength - arc.left.arclength <= CLOSED_IN * (1.0 + arc.right.arclength)
+
+
+def _critical_kinds(arc: Arc) -> Collection[str]:
+    """The kinds of those multipliers that are on the unit circle at an arc closed in to rounding;
+    all where none is, as where they jump."""
+    near = [m for m in arc.left.evaluation.multipliers.tolist() if abs(abs(m) - 1.0) < ON_CIRCLE]
+    values = {None if abs(m.imag) > ON_CIRCLE else math.copysign(1.0, m.real) for m in near}
+    found = {kind for value in values for kind in _kinds_at(value)}
+    rates = arc.left.tangent[-1], arc.right.tangent[-1]
+    flat = ON_CIRCLE * (abs(arc.right.parameter) or 1.0)
+    if rates[0] * rates[1] > 0.0 and min(map(abs, rates)) > flat:  # there is no fold
+        found -= {kind for kind in _kinds_at(1.0) if not kind_of(kind).crossing}
+    return found if near else KINDS
 
 
 def _state_of(change: Change) -> Callable[[OrbitPoint], int]:
@@ -759,8 +778,7 @@ def _missed_change(kind: str, arc: Arc, change: Change) -> MissedEvent:
         if counts[0] == counts[1]:
             what = "one multiplier leaves the unit circle there and another one enters it"
     reason = f"{what}, but no event that explains it was located"
-    span = right.arclength - left.arclength
-    if span <= CLOSED_IN * (1.0 + right.arclength):
+    if _is_closed_in(arc):
         remedy = "its place is closed in to rounding: smaller steps tell no more"
     else:
         remedy = "a smaller max_step may tell"

@@ -227,3 +227,15 @@ def test_random_impacts_are_followed_by_flights():
     rng = np.random.default_rng(3)
     starts = [simulator.random_state(rng) for _ in range(40)]
     assert all(len(simulator.run(start, impacts=1)) == 1 for start in starts)
+
+
+def test_pitchforks_that_are_not_asked_for_are_no_folds_that_are_missed():
+    """The orbit is symmetric; along its branch the frequency turns once, at a fold."""
+    model = friction().replace(w=0.9)
+    orbit = next(o for o in find_orbits(model, "AB", parameter="w") if o.physical)
+    for asked in (["FB"], ["FB", "BP"]):
+        branch = continue_orbit(orbit, "w", (0.3, 1.0), events=asked)
+        assert not branch.missed
+        kinds = [event.kind for event in branch.events]
+        assert kinds == (["FB"] if asked == ["FB"] else kinds)
+    assert kinds.count("BP") == 3
