@@ -893,8 +893,8 @@ class OrbitProblem:
         fastest = max(float(np.max(rates)), max(map(abs, setup.walls)) / abs(setup.period))
         units = np.full(self.n + self.free, fastest or 1.0)
         impacts = units[: self.n].reshape(-1, self.m)
-        impacts[:, ::2] *= setup.period
-        impacts[:, 0] = setup.period
+        impacts[:, 0] = 1.0
+        impacts[:, ::2] *= self.period(unknowns)
         units[self.n :] = self._units_of_parameters(unknowns)
         return units
 

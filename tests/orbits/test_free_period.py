@@ -93,6 +93,13 @@ def test_branch_fulfils_its_invariants(branch):
     assert (branch.word, branch.period, branch.notation) == ("S", 0, "1")
 
 
+def test_orbits_are_told_apart_in_parts_of_their_own_period(branch):
+    """Not in those of a period that a forcing would have."""
+    orbit = branch.orbit(0)
+    units = orbit.problem.natural_units(orbit.unknowns)
+    assert units[0] == orbit.period != orbit.problem.setup(orbit.unknowns).period
+
+
 def test_periods_asked_for_are_hit_within_their_errors(branch):
     """The value of c at which the period is 3.5, and 5: by the closed form."""
     events = [e for e in branch.events if e.kind == "UZ"]
