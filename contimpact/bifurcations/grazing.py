@@ -73,11 +73,14 @@ from .kind import (
 from .scalar_systems import PASSING
 from .sliding import (
     ADDING,
+    RestingStart,
+    SlidingOnset,
     interrupted_sliding_start,
     is_brief,
     near_touches,
     onset_of,
     onsets_of_word,
+    resting_starts,
     sliding_kind_of_touch,
     tolerated_touches,
     violations,
@@ -107,16 +110,29 @@ class Grazing(OrbitTest):
     def __init__(self, problem: OrbitProblem) -> None:
         walls = problem.model.letters
         self.places = [(k, wall) for k in range(len(problem.segments)) for wall in walls]
-        self.beginnings = onsets_of_word(problem)
+        self.resting = resting_starts(problem)
+        self.beginnings: list[SlidingOnset | RestingStart] = [
+            *onsets_of_word(problem),
+            *self.resting,
+        ]
+        self.left = [self.places.index((one.impact, one.wall)) for one in self.resting]
         positions = problem.kernels.setup(*problem.model.values.values()).walls
         self.rounding = ROUNDING * max(abs(position) for position in positions)
         self.guides = len(problem.segments)
 
     def of(self, orbits: Orbits) -> Array:
         """Gaps, and where sliding begins, how far from its limits; then, to see where extrema of a
-        flight are born, how nearly it turns elsewhere."""
+        flight are born, how nearly it turns elsewhere.
+
+        A flight that begins beyond its wall from rest has a negative gap to it, which has no zero
+        until the acceleration vanishes with which it begins: not a number.
+        """
         gaps = orbits.gaps.reshape(len(orbits.gaps), -1)
         margins = np.array([[one.margin(z) for one in self.beginnings] for z in orbits.unknowns])
+        if self.resting:
+            gaps = gaps.copy()
+            beyond = margins[:, -len(self.resting) :] <= 0.0
+            gaps[:, self.left] = np.where(beyond, np.nan, gaps[:, self.left])
         return np.concatenate([gaps, margins, orbits.slowest], axis=1)
 
     def guided(self, left: Array, right: Array) -> Array:
@@ -184,11 +200,14 @@ class Grazing(OrbitTest):
         at rest, or the one beyond it after a flight that takes no time, that vanishes: a V."""
         details, here = event.details, event.point.evaluation
         problem, flight = here.problem, event.details["flight"]
+        around = flight, (flight - 1) % max(len(problem.word), 1)
         if "impact" in details:
             begun = onset_of(problem, details)
             at_rest = begun is not None and begun.on_surface and details["impact"] in here.resting
-            around = flight, (flight - 1) % len(problem.word)
             return not (at_rest or any(is_brief(problem, here.unknowns, k) for k in around))
+        from_rest = details["index"] >= len(self.places)
+        if from_rest and any(is_brief(problem, here.unknowns, k) for k in around):
+            return False
         ends = problem.times_around(here.unknowns, flight)
         apart, way = min((abs(details["touch_time"] - end), i) for i, end in enumerate(ends))
         if apart > AT_END * here.span:

@@ -462,6 +462,61 @@ def onset_of(problem: OrbitProblem, details: Details) -> SlidingOnset | None:
     return next((one for one in onsets_of_word(problem) if (one.impact, one.limit) == place), None)
 
 
+# Where a flight begins at rest on its wall, as after an impact without restitution.
+#
+# It leaves the wall where its acceleration leads away, else it is beyond at once. There the gap is
+# of the third order in that acceleration, and has no smallest value on the other side.
+
+AT_REST = 1e-12
+"""A rate below this part of the velocity of the impact is rounding."""
+
+
+@dataclass(frozen=True)
+class RestingStart:
+    """An impact after which a flight may begin at rest."""
+
+    problem: OrbitProblem
+    impact: int
+
+    def margin(self, unknowns: Array) -> float:
+        """Return the acceleration away from the wall; not a number where there is a rate."""
+        leave = self.problem.impacts(unknowns)[self.impact].tolist()
+        return self.margin_from(leave, self.problem.values(unknowns))
+
+    def margin_from(self, leave: Sequence[float], values: Sequence[float]) -> float:
+        """Return the same, from the unknowns of the impact."""
+        _, rate, acceleration = self.problem.kernels.motion(self.wall)(*leave, 0.0, *values)
+        side = guard_at(self.problem, self.impact).side
+        return -side * float(acceleration) if abs(rate) <= AT_REST * abs(leave[1]) else math.nan
+
+    @property
+    def wall(self) -> str:
+        """The wall that is left."""
+        return self.problem.word.walls[self.impact]
+
+    def locate(self, guess: OrbitPoint) -> Location | None:
+        """The acceleration has a zero of the first order, which is located by bracketing."""
+        return None
+
+    def details(self, unknowns: Array) -> Details:
+        """Return where on the orbit it is: a touch where the flight begins."""
+        time = float(self.problem.impacts(unknowns)[self.impact, 0])
+        return {"flight": self.impact, "wall": self.wall, "touch_time": time}
+
+
+def resting_starts(problem: OrbitProblem) -> list[RestingStart]:
+    """Return those of a word with the values of its model."""
+    values, m = [*problem.model.values.values()], problem.m
+    rigid = [k for k in range(len(problem.word)) if guard_at(problem, k).rigid]
+    starts = [RestingStart(problem, k) for k in rigid]
+    arrivals = [[0.0, guard_at(problem, k).side, *[0.0] * (m - 2)] for k in rigid]
+    return [
+        one
+        for one, leave in zip(starts, arrivals, strict=True)
+        if not math.isnan(one.margin_from(leave, values))
+    ]
+
+
 # The orbit without what vanishes on it: an impact of zero velocity, or a flight of no duration.
 
 TOUCHING_WHILE_VANISHING = 1e-6

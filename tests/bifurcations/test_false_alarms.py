@@ -21,6 +21,7 @@ from contimpact.orbits.search import find_orbits, orbit_at
 from contimpact.results.catalogue import load_diagram
 from contimpact.results.scene import read_scene
 from contimpact.segments.kernels import Kernels
+from contimpact.systems.bouncing_ball import BouncingBall
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
 from contimpact.systems.two_masses import TwoMasses
@@ -170,3 +171,36 @@ def test_multipliers_that_meet_off_the_unit_circle_need_no_event(left, right, ca
         for values in (left, right)
     ]
     assert _causes_by_multiplier(*points) == causes
+
+
+@pytest.mark.parametrize("longest", [0.1, 0.97])
+def test_where_an_orbit_without_restitution_begins_to_rest_is_a_grazing(longest):
+    """A ball that hits a table once a period leaves it at once as long as the table falls faster
+    than it: at its fastest, Gamma cos phi = pi, and there Gamma sin phi = 1."""
+    model = BouncingBall(a=0.014, omega=50.0, r=0.0, g=9.8)
+    exact = math.hypot(1.0, math.pi) * model.values["g"] / model.values["omega"] ** 2
+    asked = {"events": ["G", "V", "T"], "settings": {"max_step": longest}, "unphysical": True}
+    for orbit in find_orbits(model, "P", parameter="a"):
+        branch = continue_orbit(orbit, "a", (0.003, 0.03), **asked)
+        (event,) = branch.events
+        assert event.kind == "G"
+        assert abs(event.value - exact) <= event.error < 1e-13
+        assert branch.missed == []
+
+
+@pytest.mark.parametrize("step", [0.05, 0.1, 0.97])
+@pytest.mark.parametrize("beta", ["pi/6", "pi/4"])
+def test_the_pair_without_restitution_rests_at_one_value_from_both_words(beta, step):
+    """The flight between two impacts on a wall vanishes where that after one begins without an
+    acceleration."""
+    model, found = ImpactPair(beta=beta, r=0.0, A=5.0, s=0.3), {}
+    asked = {"events": ["G", "T"], "settings": {"max_step": step}, "unphysical": True}
+    for word in ("1:1", "2:1"):
+        for orbit in find_orbits(model, word, parameter="s"):
+            branch = continue_orbit(orbit, "s", (0.05, 1.5), **asked)
+            assert branch.missed == []
+            (found[word],) = branch.events
+    grazing, merger = found["1:1"], found["2:1"]
+    assert (grazing.kind, merger.kind) == ("G", "T")
+    assert abs(grazing.value - merger.value) <= grazing.error + merger.error
+    assert grazing.error < 1e-11
