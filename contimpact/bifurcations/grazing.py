@@ -90,6 +90,10 @@ AT_END = 1e-5
 """A touch nearer to its flight's end, as part of the period, is that end: an impact that runs the
 wrong way is as deep as its velocity squared, which is rounding where that is a millionth."""
 
+BORN = 1e-11
+"""Two extrema are born where the flight turns slower than this part of its speeds without an
+acceleration: as a bracket closes in on it, that is rounding."""
+
 FLAT = 1e-8
 """A parameter's rate below this part of the tangent is zero."""
 
@@ -187,12 +191,20 @@ class Grazing(OrbitTest):
         return touch is None or touch.gap > -PASSING
 
     def enters(self, point: OrbitPoint, index: int) -> bool:
-        """An extremum comes from the next flight, across an impact on another coordinate."""
+        """An extremum comes from the next flight, across an impact on another coordinate; or two
+        are born beyond the wall, where the flight is on either side of the point."""
         if index >= len(self.places):
             return False
         here, touch = point.evaluation, self.touch(point.evaluation, index)
-        ends = here.problem.times_around(here.unknowns, self.places[index][0])
-        return touch is not None and min(abs(touch.time - end) for end in ends) < AT_END * here.span
+        if touch is None:
+            return False
+        flight, problem = self.places[index][0], here.problem
+        ends = problem.times_around(here.unknowns, flight)
+        if min(abs(touch.time - end) for end in ends) < AT_END * here.span:
+            return True
+        speeds = problem.scale(here.unknowns, 1.0)[1 : problem.n : problem.m]
+        born = abs(here.gaps_of(flight).slowest) < BORN * np.max(speeds, initial=0.0)
+        return bool(born and touch.gap < -self.rounding)
 
     def accept(self, event: OrbitEvent) -> bool:
         """Where the flight that begins takes no time, it is that which vanishes: a T; and so it is

@@ -204,3 +204,50 @@ def test_the_pair_without_restitution_rests_at_one_value_from_both_words(beta, s
     assert (grazing.kind, merger.kind) == ("G", "T")
     assert abs(grazing.value - merger.value) <= grazing.error + merger.error
     assert grazing.error < 1e-11
+
+
+CHAIN = {
+    "name": "chain",
+    "model": {
+        "system": "linear",
+        "coordinates": ["x", "y", "z"],
+        "mass": [1, 1, 1],
+        "damping": [["2*c", "-c", "0"], ["-c", "2*c", "-c"], ["0", "-c", "c"]],
+        "stiffness": [["1 + k", "-k", "0"], ["-k", "2*k", "-k"], ["0", "-k", "k"]],
+        "force": ["a*cos(omega*t)", "0", "0"],
+        "period": "2*pi/omega",
+        "guards": {
+            "A": {"within": "x <= s1", "restitution": "r"},
+            "B": {"within": "y <= s2", "restitution": "r"},
+            "C": {"within": "z <= s3", "restitution": "r"},
+        },
+        "parameters": {"c": 0.064, "k": 0.1175, "a": 1.0, "omega": 0.994}
+        | {"s1": 1.196, "s2": 0.443, "s3": 0.457, "r": 0.348},
+    },
+    "follow": {"parameter": "k", "range": [0.1, 0.13], "orbits": ["ABC"]},
+}
+
+
+@pytest.mark.parametrize("limits", [(0.1165, 0.118), (0.115, 0.119)])
+def test_two_extrema_that_are_born_beyond_a_wall(limits):
+    """The smallest gap at which a flight turns jumps there, and the flight is beyond the wall on
+    either side: the gap at the time of the new extremum passes smoothly."""
+    model = read_scene(CHAIN).model
+    problem = problem_of(model, Word("ABC"), Kernels(model, "k"))
+    first = [6.4184, 1.7890, -1.2705, 0.2402, 1.0508, -0.4986]
+    second = [-3.5995, 0.4010, -7.0396, 3.8128, 2.1288, -0.4848]
+    third = [32.3275, -0.3346, 4.7301, 1.2330, -0.5312, 0.3212]
+    orbit = orbit_at(problem, np.array([*first, *second, *third, 0.1175]))
+    branch = continue_orbit(orbit, "k", limits, events=["G"], unphysical=True)
+    assert branch.events == branch.missed == []
+    found = []
+    for row in range(len(branch)):
+        z = branch.orbit(row).unknowns
+        touch = problem.evaluate(z).gaps_of(1).touches[2]
+        leave = z[problem.m : 2 * problem.m]
+        position = problem.kernels.gap("B", "C")(*leave, 29.1525, *problem.values(z))[0]
+        found.append((abs(z[-1] - 0.116751858585), touch.gap, 0.457 - position))
+    near = np.array([gaps for away, *gaps in found if away < 5e-4])
+    assert np.any(near[:, 0] > 0.2)
+    assert np.any(near[:, 0] < -0.5)  # it jumps on the way
+    assert np.all(np.abs(near[:, 1] + 0.645) < 0.2)
