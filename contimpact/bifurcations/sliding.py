@@ -467,8 +467,9 @@ def onset_of(problem: OrbitProblem, details: Details) -> SlidingOnset | None:
 # It leaves the wall where its acceleration leads away, else it is beyond at once. There the gap is
 # of the third order in that acceleration, and has no smallest value on the other side.
 
-AT_REST = 1e-12
-"""A rate below this part of the velocity of the impact is rounding."""
+AT_REST = 4e-16
+"""A rate below this part of the velocity of the impact is rounding: with a restitution of 1e-12
+flights do not begin at rest."""
 
 
 @dataclass(frozen=True)
