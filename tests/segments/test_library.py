@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import logging
 import math
@@ -335,7 +336,12 @@ def copied(plain_and_compiled, cache, tmp_path, monkeypatch):
     problem = problem_of()
     plain_and_compiled(lambda: backend_of(problem, ()).compiled())
     folder = tmp_path / "cache"
-    shutil.copytree(cache, folder, ignore=shutil.ignore_patterns("*.tmp"))  # others write to it
+
+    def copy(source, target):
+        with contextlib.suppress(FileNotFoundError):  # others write to it, and remove what is old
+            shutil.copy2(source, target)
+
+    shutil.copytree(cache, folder, ignore=shutil.ignore_patterns("*.tmp"), copy_function=copy)
     monkeypatch.setenv("CONTIMPACT_CACHE", str(folder))
     monkeypatch.setattr(module, "_LOADED", {})
     monkeypatch.setattr(module, "_MISSING", set())
