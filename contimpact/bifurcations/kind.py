@@ -740,13 +740,15 @@ def _causes_by_multiplier(left: OrbitPoint, right: OrbitPoint) -> list[list[str]
     unit circle there; that of a pair passes two.
 
     Two that meet on the real axis and leave it, or come back, pass nothing there: above 1 and below
-    -1 an odd number tells that one has passed, and all together how many more have.
+    -1 an odd number tells that one has passed, and all together how many more have. Where none is
+    real outside the circle on one side alone, those are pairs.
     """
     moved = np.subtract(_count_outside(left), _count_outside(right))
     passed = [value for value, number in zip((1.0, -1.0), moved, strict=False) if number % 2]
     one, other, pairs = (_kinds_at(value) for value in (1.0, -1.0, None))
     more = abs(sum(moved)) - len(passed)
-    return [*map(_kinds_at, passed), *[[*pairs, *one, *other]] * more]
+    either = [*pairs, *one, *other] if any(moved[:2]) else pairs
+    return [*map(_kinds_at, passed), *[either] * more]
 
 
 def _kinds_at(multiplier: float | None) -> list[str]:
