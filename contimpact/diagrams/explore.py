@@ -160,9 +160,9 @@ def follow(scene: Scene | str | Path | Mapping[str, Any], progress: Asked = None
         explorer = _Explorer(scene, tell)
         diagram = explorer.run()
         if scene.crises:
-            diagram = _with(_add_crises, scene, diagram, tell)
+            diagram = _add_part(_add_crises, scene, diagram, tell)
         if scene.curves is not None:
-            diagram = _with(_add_map, scene, diagram, tell)
+            diagram = _add_part(_add_map, scene, diagram, tell)
         if not diagram.branches and not diagram.statistics["failure"]:
             explorer.look_elsewhere()
             raise refusal(list(explorer.lacking.values()), explorer.settled)
@@ -172,7 +172,7 @@ def follow(scene: Scene | str | Path | Mapping[str, Any], progress: Asked = None
     return diagram
 
 
-def _with(
+def _add_part(
     add: Callable[[Scene, Diagram, RememberedProgress], Diagram],
     scene: Scene,
     diagram: Diagram,

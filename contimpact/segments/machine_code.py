@@ -75,7 +75,7 @@ class Program:
     def text(self) -> str:
         """The whole program as a module, to be read or run."""
         head = ["import collections", "import math", "from math import inf, nan"]
-        constants = (f"{name} = {_written(value)}" for name, value in self.constants.items())
+        constants = (f"{name} = {_constant_text(value)}" for name, value in self.constants.items())
         trees = (ast.unparse(ast.fix_missing_locations(tree)) for tree in self.trees.values())
         return "\n".join([*head, *constants, *trees]) + "\n"
 
@@ -87,7 +87,7 @@ class Program:
         return free
 
 
-def _written(constant: Any) -> str:
+def _constant_text(constant: Any) -> str:
     if isinstance(constant, type):
         return f"collections.namedtuple({constant.__name__!r}, {constant._fields!r})"  # type: ignore[attr-defined]
     return repr(constant)
