@@ -45,9 +45,6 @@ COARSE = 2.0**-33
 """Tolerance of flights that searches fly: their orbits are solved for at rounding afterwards, from
 the nine digits that they share with those of exact flights."""
 
-PAYS_AFTER = 0.3
-"""Seconds that heyoka has taken for a field after which compiling pays: it takes about as long."""
-
 
 def flown(field: str, directions: str, *numbers: float) -> Sequence[float]:
     """Return mean and end velocities of a flight, and the same of their derivatives by each
@@ -194,6 +191,9 @@ def _identity(
     return ALONG if along else FLOWN, field, directions, str(tolerance)
 
 
+AT_ONCE = 0.0
+"""Seconds of flights without them after which programs pay: heyoka's take as long to compile."""
+
 FLOWN, ALONG = "flown", "flown along"
 """Begin the identities of programs: of flights, and of those whose numbers change along a
 direction."""
@@ -211,7 +211,7 @@ def _run_program(
         return None
     flight = flight_by_series(field, directions, along, SOME_STEPS, tolerance)
     identity, count = _identity(field, directions, along, tolerance), rows.shape[1]
-    run = load(identity, "FfF", lambda: _program(flight.function, count), PAYS_AFTER)
+    run = load(identity, "FfF", lambda: _program(flight.function, count), AT_ONCE)
     if run is None:
         return None
     sides = 2 if along else 1
