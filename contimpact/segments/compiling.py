@@ -42,9 +42,12 @@ if TYPE_CHECKING:
     from .machine_code import Program
 
 MODES = ("auto", "always", "never")
-PAYS_AFTER = 1.0
+PAYS_AFTER = 0.5
 """Seconds of processor time that plain Python has taken for what a program does, in this process
-and earlier ones, after which compiling it pays: it takes about as long."""
+and earlier ones, after which compiling it pays: what took so long once is often run again."""
+PAYS_SOON = 0.1
+"""The same once there is machine code of the algorithms, so that a model's own is all that is made:
+it takes some tenths of a second, and later runs are spared them."""
 WORTH_KEEPING = 0.02
 """Seconds of one process from which on they are kept for later ones."""
 
@@ -92,7 +95,7 @@ def load(
     identity: tuple[str, ...],
     arguments: str,
     build: Callable[[], Program],
-    after: float = PAYS_AFTER,
+    after: float | None = None,
 ) -> CompiledProgram | None:
     """Load a program from the cache, or compile it if that pays.
 
@@ -104,8 +107,8 @@ def load(
         Kinds of the entry's arguments.
     build : callable
         Returns the program, whose entry is the function ``entry``.
-    after : float
-        Seconds after which it pays.
+    after : float, optional
+        Seconds after which it pays; `PAYS_AFTER` or `PAYS_SOON` unless given.
 
     Returns
     -------
@@ -135,7 +138,7 @@ def load(
     return found
 
 
-def compiling_pays(identity: tuple[str, ...], after: float = PAYS_AFTER) -> bool:
+def compiling_pays(identity: tuple[str, ...], after: float | None = None) -> bool:
     """Whether to compile a program that is not in the cache.
 
     Raises InputError if the mode is ``always`` and llvmlite is not installed.
@@ -144,7 +147,26 @@ def compiling_pays(identity: tuple[str, ...], after: float = PAYS_AFTER) -> bool
         found = "always, but llvmlite is not installed"
         accepted = "install contimpact[fast], or say auto or never"
         raise InputError("CONTIMPACT_COMPILED", found, accepted)
-    return mode() == "always" or (_EXPECTED[0] + _SPENT[identity] >= after and available())
+    if mode() == "always":
+        return True
+    if after is None:
+        named = os.environ.get("CONTIMPACT_CACHE")
+        after = PAYS_SOON if _algorithms_at_hand(named) else PAYS_AFTER
+    return _EXPECTED[0] + _SPENT[identity] >= after and available()
+
+
+@functools.cache
+def _algorithms_at_hand(cache: str | None) -> bool:
+    """Whether there is machine code of modules that programs share in the cache of this name."""
+    folder = cache_folder()
+    return folder is not None and any(len(parts) > 1 for parts in _all_parts(folder))
+
+
+def _all_parts(folder: Path) -> Iterator[list[str]]:
+    """Of each program in the cache, the names of its modules."""
+    for path in folder.glob("compiled-*.parts"):
+        with contextlib.suppress(OSError, UnicodeError):
+            yield path.read_text("utf-8").split()
 
 
 def cores() -> int:
@@ -267,6 +289,8 @@ def _compile_parts(program: Program, arguments: str, folder: Path, name: str) ->
         if not is_intact(folder / parts[-1]):
             put_with_digest(folder / parts[-1], object_code(module))
     put_with_digest(folder / f"{name}.parts", "\n".join(parts).encode())
+    if len(parts) > 1:
+        _algorithms_at_hand.cache_clear()
 
 
 _LOADED: dict[tuple[str, ...], CompiledProgram] = {}

@@ -492,6 +492,19 @@ def test_what_is_run_again_and_again_is_compiled(empty_cache, monkeypatch):
     assert run_plainly(monkeypatch, [0.0]) == [True]
 
 
+def test_a_model_is_compiled_sooner_where_the_algorithms_are(empty_cache, monkeypatch):
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "auto")
+    module._SPENT[IDENTITY] = module.PAYS_SOON
+    assert not module.compiling_pays(IDENTITY)
+    folder = module.cache_folder()
+    (folder / "compiled-1.parts").write_text("part-1.o")  # a program without algorithms
+    module._algorithms_at_hand.cache_clear()
+    assert not module.compiling_pays(IDENTITY)
+    (folder / "compiled-2.parts").write_text("part-1.o\npart-2.o")
+    module._algorithms_at_hand.cache_clear()
+    assert module.compiling_pays(IDENTITY)
+
+
 @needs_llvmlite
 @pytest.mark.parametrize("lost", ["*.parts", "part-*.o"])
 def test_lost_parts_are_made_again(empty_cache, monkeypatch, lost):
