@@ -23,7 +23,6 @@ from .integration import (
     batch_integrator,
     integrator,
     is_limited,
-    may_hide,
     real_number,
     statement,
 )
@@ -54,10 +53,9 @@ def flown(field: str, directions: str, *numbers: float) -> Sequence[float]:
 
 @functools.lru_cache(KEPT)
 def _flown(field: str, directions: str, numbers: tuple[float, ...]) -> Sequence[float]:
-    if may_hide(field):
-        found = _run_program(field, directions, np.array([numbers]))
-        if found is not None and np.isfinite(found).all():
-            return tuple(found[0].tolist())
+    found = _run_program(field, directions, np.array([numbers]))
+    if found is not None and np.isfinite(found).all():
+        return tuple(found[0].tolist())
     with timed_plainly(_identity(field, directions)):
         return tuple(integrator(field, tuple(directions.split()))(numbers))
 
@@ -126,11 +124,10 @@ def _flown_of_arrays(field: str, directions: str, tolerance: float, *numbers: An
     rows, by = np.column_stack([x.ravel() for x in given]), tuple(directions.split())
     size = 2 * statement(field).freedom * (1 + len(by))
     found, left = np.full((len(rows), size), np.nan), np.isfinite(rows).all(axis=1)
-    if may_hide(field):
-        compiled = _run_program(field, directions, rows, tolerance=tolerance)
-        if compiled is not None:
-            found = compiled
-            left &= ~np.isfinite(found).all(axis=1) & (tolerance == UNIT)
+    compiled = _run_program(field, directions, rows, tolerance=tolerance)
+    if compiled is not None:
+        found = compiled
+        left &= ~np.isfinite(found).all(axis=1) & (tolerance == UNIT)
     if left.any():
         exact = len(rows) < MANY and tolerance == UNIT
         made = integrator(field, by) if exact else batch_integrator(field, by, tolerance)
