@@ -71,6 +71,8 @@ class Judge:
             return True
         if one.stated is not None:
             return self.right(one, old)
+        if one.name == "residual" and scatters(one, old):
+            return True
         if is_number(one.old) and is_number(one.new):
             entry, tangent, _ = one.place.rpartition("/tangent/")
             crossing = tangent and old.get(f"{entry}/kind") == "BP"
@@ -97,6 +99,13 @@ class Judge:
                 stated = cells[f"{owner}/error"]
                 if off(cells[place], exact) > stated:
                     yield Difference(file, place, float(exact), cells[place], stated)
+
+
+def scatters(one: Difference, old: Table) -> bool:
+    """Whether a point's residual is no larger than that of some other point of its branch: where
+    orbits are sensitive, residuals are rounding, and differ tenfold from point to point."""
+    column = [x for place, x in old.items() if place.endswith("/residual") and is_number(x)]
+    return one.file.startswith("branches/") and is_number(one.new) and one.new <= max(column)
 
 
 def irregular(one: Difference, old: Table, new: Table) -> bool:

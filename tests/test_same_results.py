@@ -161,6 +161,16 @@ def test_irregular_motion_is_compared_by_its_kind(tmp_path):
     assert one.place == "row 2/exponent1"
 
 
+@pytest.mark.parametrize(("residual", "accepted"), [("9e-10", True), ("2e-09", False)])
+def test_residuals_scatter_as_much_as_along_their_branch(tmp_path, residual, accepted):
+    before, after = tmp_path / "before.csv", tmp_path / "after.csv"
+    before.write_text("t1,residual\n0.5,1e-12\n0.6,1e-09\n", encoding="utf-8")
+    after.write_text(f"t1,residual\n0.5,{residual}\n0.6,1e-09\n", encoding="utf-8")
+    old, new = table(before), table(after)
+    found = differences("branches/b1.csv", old, new)
+    assert (not Judge({}).refused("branches/b1.csv", found, old, new)) is accepted
+
+
 def test_transitions_of_irregular_motion_are_compared_by_their_names():
     def refused(kind, **changes):
         side = {"kind": kind, "value": 0.5}
