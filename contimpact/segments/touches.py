@@ -256,11 +256,22 @@ def _touches(
         for i in numbers:
             if passages.watched[left][i] and not guards[i].past:
                 touches[i] = touch_of(number, start, guards[i], positions[i], found)
+                if left not in numbers and _is_at_start(touches[i], flight, positions[i]):
+                    touches[i] = None
                 if others and touches[i] is None:
                     touches[i] = _at_rest(flight, motion, guards[i], positions[i], found)
         if not abs(found[4]) >= abs(slowest):
             slowest = found[4]
     return touches, slowest
+
+
+def _is_at_start(touch: Touch | None, flight: Flight, position: float) -> bool:
+    """Whether a coordinate turns where a flight begins on the surface, but for rounding: there the
+    impact before tells how near it is."""
+    if touch is None:
+        return False
+    brief = touch.time - flight.start <= ROUNDING * flight.length
+    return brief and abs(touch.gap) <= ROUNDING * abs(position)
 
 
 def _at_rest(
