@@ -46,8 +46,8 @@ PAYS_AFTER = 0.5
 """Seconds of processor time that plain Python has taken for what a program does, in this process
 and earlier ones, after which compiling it pays: what took so long once is often run again."""
 PAYS_SOON = 0.1
-"""The same once there is machine code of the algorithms, so that a model's own is all that is made:
-it takes some tenths of a second, and later runs are spared them."""
+"""The same where such a program has been compiled for another model, so that a model's own modules
+are all that is made: that takes some tenths of a second, and later runs are spared them."""
 WORTH_KEEPING = 0.02
 """Seconds of one process from which on they are kept for later ones."""
 
@@ -118,6 +118,9 @@ def load(
     key = (*identity, arguments)
     if key in _LOADED:
         return _LOADED[key]
+    if after is None:
+        known = _are_known(arguments, os.environ.get("CONTIMPACT_CACHE"))
+        after = PAYS_SOON if known else PAYS_AFTER
     pays = compiling_pays(identity, after)
     if key in _MISSING and not pays:
         return None
@@ -138,7 +141,7 @@ def load(
     return found
 
 
-def compiling_pays(identity: tuple[str, ...], after: float | None = None) -> bool:
+def compiling_pays(identity: tuple[str, ...], after: float = PAYS_AFTER) -> bool:
     """Whether to compile a program that is not in the cache.
 
     Raises InputError if the mode is ``always`` and llvmlite is not installed.
@@ -147,26 +150,21 @@ def compiling_pays(identity: tuple[str, ...], after: float | None = None) -> boo
         found = "always, but llvmlite is not installed"
         accepted = "install contimpact[fast], or say auto or never"
         raise InputError("CONTIMPACT_COMPILED", found, accepted)
-    if mode() == "always":
-        return True
-    if after is None:
-        named = os.environ.get("CONTIMPACT_CACHE")
-        after = PAYS_SOON if _algorithms_at_hand(named) else PAYS_AFTER
-    return _EXPECTED[0] + _SPENT[identity] >= after and available()
+    return mode() == "always" or (_EXPECTED[0] + _SPENT[identity] >= after and available())
 
 
 @functools.cache
-def _algorithms_at_hand(cache: str | None) -> bool:
-    """Whether there is machine code of modules that programs share in the cache of this name."""
+def _are_known(arguments: str, cache: str | None) -> bool:
+    """Whether a program with such arguments, and with it the modules that programs for other models
+    share with it, is in the cache of this name."""
     folder = cache_folder()
-    return folder is not None and any(len(parts) > 1 for parts in _all_parts(folder))
+    return folder is not None and _mark(folder, arguments).exists()
 
 
-def _all_parts(folder: Path) -> Iterator[list[str]]:
-    """Of each program in the cache, the names of its modules."""
-    for path in folder.glob("compiled-*.parts"):
-        with contextlib.suppress(OSError, UnicodeError):
-            yield path.read_text("utf-8").split()
+def _mark(folder: Path, arguments: str) -> Path:
+    """The file that says that a program with such arguments is in a cache."""
+    digest = hashlib.sha256("\0".join((arguments, *_machine())).encode()).hexdigest()
+    return folder / f"kind-{digest[:24]}.txt"
 
 
 def cores() -> int:
@@ -289,8 +287,8 @@ def _compile_parts(program: Program, arguments: str, folder: Path, name: str) ->
         if not is_intact(folder / parts[-1]):
             put_with_digest(folder / parts[-1], object_code(module))
     put_with_digest(folder / f"{name}.parts", "\n".join(parts).encode())
-    if len(parts) > 1:
-        _algorithms_at_hand.cache_clear()
+    store_file(_mark(folder, arguments), b"")
+    _are_known.cache_clear()
 
 
 _LOADED: dict[tuple[str, ...], CompiledProgram] = {}

@@ -492,17 +492,18 @@ def test_what_is_run_again_and_again_is_compiled(empty_cache, monkeypatch):
     assert run_plainly(monkeypatch, [0.0]) == [True]
 
 
-def test_a_model_is_compiled_sooner_where_the_algorithms_are(empty_cache, monkeypatch):
+@needs_llvmlite
+def test_a_program_is_compiled_sooner_where_others_of_its_kind_are(empty_cache, monkeypatch):
     monkeypatch.setenv("CONTIMPACT_COMPILED", "auto")
-    module._SPENT[IDENTITY] = module.PAYS_SOON
-    assert not module.compiling_pays(IDENTITY)
-    folder = module.cache_folder()
-    (folder / "compiled-1.parts").write_text("part-1.o")  # a program without algorithms
-    module._algorithms_at_hand.cache_clear()
-    assert not module.compiling_pays(IDENTITY)
-    (folder / "compiled-2.parts").write_text("part-1.o\npart-2.o")
-    module._algorithms_at_hand.cache_clear()
-    assert module.compiling_pays(IDENTITY)
+    module._are_known.cache_clear()
+    assert run_plainly(monkeypatch, [module.PAYS_SOON, 0.0]) == [False, False]
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
+    begin_process(monkeypatch)
+    program = Program({})
+    program.glue("def entry(x):\n    return 2")
+    module.load(("another",), VECTOR, lambda: program)
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "auto")
+    assert run_plainly(monkeypatch, [0.0]) == [True]
 
 
 @needs_llvmlite
