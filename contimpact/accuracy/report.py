@@ -44,14 +44,16 @@ from ..results.entry_conversion import details_of
 from ..results.scene import Scene
 from ..segments.kernels import Kernels
 from ..storage import finite, write_all
-from .reference import Exact, Reference, measure_simulation
-from .shooting import (
+from .reference import (
     EVALUATIONS,
     EXPLICIT,
     MOST_EVALUATIONS,
     SECONDS,
     SHOT,
+    Exact,
+    Reference,
     measure_shooting,
+    measure_simulation,
     spread,
     spread_sample,
     take_within_budget,

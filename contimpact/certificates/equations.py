@@ -15,8 +15,7 @@ from flint import arb, arb_mat, arb_series, ctx
 from ..bifurcations.equations import Equations
 from ..bifurcations.equations import Flight as Flight
 from ..orbits.problem import OrbitProblem
-from ..segments.ball_flow import Number
-from ..segments.balls import Time, balls
+from ..segments.balls import Number, Time, balls
 from ..segments.layout import SECTION
 from ..segments.segment import evaluate_in
 

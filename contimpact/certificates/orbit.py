@@ -29,8 +29,7 @@ from ..bifurcations.sliding import (
 from ..models.guards import Guard, Word, same_surface
 from ..orbits.problem import OrbitProblem
 from ..orbits.quiet import problem_of
-from ..segments.ball_flow import number
-from ..segments.balls import turns
+from ..segments.balls import number, turns
 from ..segments.layout import SECTION
 from ..segments.segment import ELSEWHERE
 from ..segments.touches import begins_on_surface, coordinates, limits_of

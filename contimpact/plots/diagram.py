@@ -33,23 +33,28 @@ from ..results.quantities import NO_IMPACT, NO_WALL, Quantity, numbers_of
 from ..results.quantities import WALLS as COLOURS
 from ..storage import Content, write, write_all
 from ..systems.membrane import Membrane
-from .labels import CHOICES, choose_events, draw_labels, name_orbits, name_walls, text_width
 from .lines import (
     BAND,
+    CHOICES,
     STYLES,
     UNPHYSICAL,
     WIDTHS,
     axis_label,
     branches_drawn_whole,
+    choose_events,
     draw_guides,
+    draw_labels,
     fixed_values,
     limits_of,
     marks_of,
+    name_orbits,
+    name_walls,
     ordinate_label,
     pieces_of,
     plain_text,
     series_by_branch,
     shade_margins,
+    text_width,
     units_of,
     values_text,
     walls_of,

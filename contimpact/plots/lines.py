@@ -1,12 +1,17 @@
-"""Lines of branches, the quantities on their axes, and texts in pictures."""
+"""Lines of branches, the quantities on their axes, texts in pictures, and where labels stand."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from matplotlib.lines import Line2D
+from matplotlib.patheffects import withStroke
+from matplotlib.textpath import TextPath
+from matplotlib.transforms import ScaledTranslation
 
 from ..arrays import Array
 from ..bifurcations.kind import kind_of
@@ -403,3 +408,375 @@ def _class(name: str) -> type[Model] | None:
     from ..results.branch import find_imported_system
 
     return find_imported_system(name) if name else None
+
+
+# Labels of events and names of orbits, placed where they cover nothing.
+#
+# A leader leans from its value on the frame to a *port* and rises from there to the label, which
+# stands over the port. Ports are in the order of the values, so leaders do not cross. Where labels
+# are too wide to stand side by side they form a stair, the leftmost one highest, so that no leader
+# runs through a label. What would be too far from its value or from the frame is left out and
+# counted: ghosts and long orbits before others.
+
+
+CHOICES = ("all", "period-1", "real", "none")
+"""Choices of the events that are labelled: all, those of period T, those that are no ghosts,
+none."""
+
+ROWS, ROW, SIZE, GAP = 4, 16.0, 8.0, 4.0
+"""Rows of labels; their height, font and distance in points."""
+FAN = 10.0
+"""Height above the frame within which leaders lean to their ports, in points."""
+CLEAR = 2.0
+"""Distance of leaders from each other and from labels, in points."""
+BEYOND = 20.0
+"""How far labels may reach beyond the frame on either side, in points."""
+FARTHEST = 60.0
+"""How far a port may be from its value, in points."""
+
+
+@dataclass(frozen=True)
+class Label:
+    """A text, the value it belongs to, and how much it tells: the smaller the more."""
+
+    text: str
+    value: float
+    rank: tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class Spot:
+    """Where a label stands, in points from the left end of the frame's upper edge."""
+
+    place: float
+    port: float
+    left: float
+    row: int
+    width: float
+
+    @property
+    def right(self) -> float:
+        """The label's right end."""
+        return self.left + self.width
+
+    @property
+    def height(self) -> float:
+        """Of the label's lower edge above the frame."""
+        return FAN + ROW * self.row
+
+
+def choose_events(entries: Iterable[Entry], which: str) -> list[Entry]:
+    """Return the events to be labelled, by one of `CHOICES`; requested values have no label."""
+    wanted = {
+        "all": lambda e: True,
+        "period-1": lambda e: e.period <= 1,
+        "real": lambda e: not e.ghost,
+        "none": lambda e: False,
+    }[which]
+    return [e for e in entries if e.requested is None and wanted(e)]
+
+
+def draw_labels(ax: Any, entries: Sequence[Entry], x: str) -> int:
+    """Label events inside the axes' limits above the frame, with a line down from each label;
+    returns how many labels found no place."""
+    low, high = ax.get_xlim()
+    width = ax.get_window_extent().width / ax.figure.dpi * 72.0
+    scale = width / (high - low)
+    labels = _merge_labels(_labels(entries, x), 3 * GAP / scale)
+    places = [(label.value - low) * scale for label in labels]
+    limits = _limits(ax, width)
+    spots = arrange_labels(places, [text_width(label.text) for label in labels], limits)
+    for label, spot in zip(labels, spots, strict=True):
+        if spot is not None:
+            _draw(ax, label, spot)
+    return sum(spot is None for spot in spots)
+
+
+def _labels(entries: Sequence[Entry], x: str) -> list[Label]:
+    """The labels of events, each text and value once, those that tell most first."""
+    orbits: dict[str, set[str]] = {}
+    for entry in entries:
+        orbits.setdefault(entry.kind, set()).add(entry.notation)
+    named = {kind for kind, names in orbits.items() if len(names) > 1}
+    found: dict[tuple[str, float], Label] = {}
+    for e in entries:
+        text, value = label_text(e, e.kind in named), e.parameters[x]
+        label = Label(text, value, (e.ghost, not e.physical, e.period, len(e.word), value))
+        known = found.get((text, value))
+        found[text, value] = min(known, label, key=lambda one: one.rank) if known else label
+    return sorted(found.values(), key=lambda label: label.rank)
+
+
+def _merge_labels(labels: Sequence[Label], near: float) -> list[Label]:
+    """Labels, a text not repeated where it stands nearby already."""
+    kept: list[Label] = []
+    for label in labels:
+        if not any(label.text == k.text and abs(label.value - k.value) < near for k in kept):
+            kept.append(label)
+    return kept
+
+
+def _limits(ax: Any, width: float) -> tuple[float, float]:
+    """How far labels may reach to the left and right: inside the figure, near the frame."""
+    left = ax.get_window_extent().x0 / ax.figure.dpi * 72.0
+    whole = ax.figure.get_figwidth() * 72.0
+    return -min(BEYOND, left - 1.0), width + min(BEYOND, whole - left - width - 1.0)
+
+
+def text_width(text: str) -> float:
+    """Return the width of a label in points."""
+    path = TextPath((0, 0), text.replace("\n", " ") or " ", size=SIZE)
+    return float(path.get_extents().width) if len(path.vertices) else 0.0
+
+
+def _draw(ax: Any, label: Label, spot: Spot) -> None:
+    transform = ax.get_xaxis_transform()
+    line: dict[str, Any] = {"color": "0.8", "linewidth": 0.5}
+    ax.plot([label.value] * 2, [0.0, 1.0], transform=transform, zorder=0, **line)
+    moved = spot.port - spot.place
+    inches = ax.figure.dpi_scale_trans + ScaledTranslation(label.value, 1.0, transform)
+    path = np.array([(0.0, 0.0), (moved, FAN), (moved, spot.height)]) / 72.0
+    ax.add_artist(Line2D(*path.T, transform=inches, clip_on=False, gid="leader", **line))
+    offset = (spot.left - spot.place, spot.height)
+    where: dict[str, Any] = {"xycoords": transform, "textcoords": "offset points"}
+    look: dict[str, Any] = {"ha": "left", "va": "bottom", "fontsize": SIZE, "gid": "event"}
+    ax.annotate(label.text, (label.value, 1.0), offset, **where, **look)
+
+
+# Places.
+
+
+def arrange_labels(
+    places: Sequence[float], widths: Sequence[float], limits: tuple[float, float]
+) -> list[Spot | None]:
+    """Return the places of labels, None for those that no longer find a place between the limits.
+    Places and widths are in points from the left end of the frame."""
+    kept: list[int] = []
+    spots: list[Spot] = []
+    for number in range(len(places)):
+        tried = sorted([*kept, number], key=places.__getitem__)
+        found = _place_labels([places[k] for k in tried], [widths[k] for k in tried], limits)
+        if all(_excess(spot, limits) <= 0.0 for spot in found):
+            kept, spots = tried, found
+    standing = dict(zip(kept, spots, strict=True))
+    return [standing.get(k) for k in range(len(places))]
+
+
+def _excess(spot: Spot, limits: tuple[float, float]) -> float:
+    """By how much a label is too far away."""
+    return max(
+        limits[0] - spot.left, spot.right - limits[1], abs(spot.port - spot.place) - FARTHEST
+    )
+
+
+def _place_labels(
+    places: Sequence[float], widths: Sequence[float], limits: tuple[float, float]
+) -> list[Spot]:
+    """Labels in order of their places, spread to both sides where they are crowded.
+
+    Pushing them to the right from their places keeps all distances, pushing them to the left does;
+    so does what lies between the two.
+    """
+    rows = _rows(places, widths)
+    right = _push_labels(places, widths, rows)
+    mirrored = ([-p for p in places[::-1]], widths[::-1], rows[::-1])
+    pushed = zip(_push_labels(*mirrored), widths[::-1], strict=True)
+    left = [(-port, -start - wide) for (port, start), wide in pushed][::-1]
+    found: list[Spot] = []
+    for part in (0.5, 0.25, 0.75, 0.0, 1.0):
+        blend = (1.0 - part) * np.array(left) + part * np.array(right)
+        found = [
+            Spot(place, port, start, row, wide)
+            for place, (port, start), row, wide in zip(
+                places, blend.reshape(-1, 2).tolist(), rows, widths, strict=True
+            )
+        ]
+        if all(_excess(spot, limits) <= 0.0 for spot in found):
+            break
+    return found
+
+
+def _push_labels(
+    places: Sequence[float], widths: Sequence[float], rows: Sequence[int]
+) -> list[tuple[float, float]]:
+    """Ports and left ends of labels, none to the left of its place.
+
+    A label stays clear of the one before it in its row, and of the leaders before it that rise to
+    higher rows; a leader stays clear of the labels before it in lower rows.
+    """
+    found: list[tuple[float, float]] = []
+    ends = [-np.inf] * ROWS
+    risen = [-np.inf] * ROWS
+    before = -np.inf
+    for k, (place, wide, row) in enumerate(zip(places, widths, rows, strict=True)):
+        start = max(ends[row] + GAP, max(risen[row + 1 :], default=-np.inf) + CLEAR)
+        apart = min(CLEAR, place - places[k - 1]) if k else 0.0
+        port = max(place, before + apart, max(ends[:row], default=-np.inf) + CLEAR, start)
+        start = max(start, port - 0.5 * wide)
+        ends[row], risen[row], before = start + wide, port, port
+        found.append((port, start))
+    return found
+
+
+def _rows(places: Sequence[float], widths: Sequence[float]) -> list[int]:
+    """Rows of labels: zero where they fit side by side, stairs where they do not.
+
+    The division into stairs costs least where ports are at their places; of those that can be so,
+    low stairs cost least.
+    """
+    best: dict[int, tuple[float, list[int]]] = {0: (0.0, [])}
+    for last in range(1, len(places) + 1):
+        options = []
+        for size in range(1, min(ROWS, last) + 1):
+            cost, rows = best[last - size]
+            tried = rows + list(range(size))[::-1]
+            moved = _push_labels(places[:last], widths[:last], tried)[last - size :]
+            far = sum(port - p for (port, _), p in zip(moved, places[last - size :], strict=False))
+            options.append((cost + far + 3.0 * size * (size - 1), tried))
+        best[last] = min(options, key=lambda option: option[0])
+    return best[len(places)][1]
+
+
+# Names in a diagram: of orbits on their stable stretches, of walls at the ends of their curves.
+#
+# A name stands beside its curve where it covers no line, no marker and no other name.
+
+NAMES_SIZE, HEIGHT = 7.5, 9.0
+"""Font and height of a name of an orbit, in points."""
+SHORTEST = 3.0
+"""Stable stretches that are shorter in a picture have no name, in points."""
+APART = 2.5
+"""At which distance a line is taken to be a row of points, in points."""
+FRACTIONS = (0.5, 0.4, 0.6, 0.25, 0.75, 0.1, 0.9)
+GAPS = (2.5, 6.0, 11.0, 17.0)
+"""Where a name is tried: along a stretch, and how far from its curve, in points."""
+TOO_MUCH = 4.0
+"""What speaks against a place, at or above which a name is left out."""
+LOWER = 0.3
+"""What speaks against the next curve of a stretch."""
+HALO = [withStroke(linewidth=1.6, foreground="white")]
+
+
+def name_orbits(ax: Any, pieces: Sequence[Piece]) -> int:
+    """Name the orbits on their stable stretches; returns how many found no place."""
+    frame, dots = ax.get_window_extent(), ax.figure.dpi / 72.0
+    size = frame.size / dots
+
+    def in_points(x: Any, y: Any) -> Array:
+        there = ax.transData.transform(np.column_stack([x, y]).astype(float))
+        return np.asarray((there - frame.p0) / dots)
+
+    lines = [(_dense(in_points(p.places, p.values)), p) for p in pieces]
+    seen = [(_points_inside(points, size), piece) for points, piece in lines]
+    marks = [line for line in ax.lines if line.get_linestyle() == "None"]
+    spots = [in_points(*m.get_data()) for m in marks]
+    filled = np.vstack([np.zeros((0, 2)), *(points for points, _ in seen), *spots])
+    walls = [t for t in ax.texts if t.get_gid() == "wall"]
+    letters = [in_points(*np.reshape(t.xy, (2, 1)))[0] + t.xyann for t in walls]
+    taken = [(x, y - HEIGHT / 2.0, x + HEIGHT, y + HEIGHT / 2.0) for x, y in letters]
+    left_out = 0
+    for name, curves in _stretches(seen):
+        wide = text_width(name) * NAMES_SIZE / 8.0 + 2.0
+        tried = [
+            (_count_covered(box, filled, taken) + cost, box)
+            for box, cost in _places(curves, wide)
+            if box[0] > 0 and box[1] > 0 and box[2] < size[0] and box[3] < size[1]
+        ]
+        cost, box = min(tried, default=(np.inf, (0.0,) * 4))
+        if cost >= TOO_MUCH:
+            left_out += 1
+            continue
+        taken.append(box)
+        at = ax.transData.inverted().transform((np.array(box[:2]) + 1.0) * dots + frame.p0)
+        look: dict[str, Any] = {"fontsize": NAMES_SIZE, "gid": "orbit", "path_effects": HALO}
+        ax.text(*at, name, ha="left", va="bottom", color="0.1", zorder=6, **look)
+    return left_out
+
+
+def _dense(corners: Array) -> Array:
+    """A line as points close to one another."""
+    corners = corners[np.all(np.isfinite(corners), axis=1)]
+    if len(corners) < 2:
+        return corners
+    length = np.append(0.0, np.cumsum(np.hypot(*np.diff(corners, axis=0).T)))
+    along = np.linspace(0.0, length[-1], int(min(length[-1] / APART, 4000)) + 2)
+    return np.column_stack([np.interp(along, length, column) for column in corners.T])
+
+
+def _points_inside(points: Array, size: Array) -> Array:
+    return points[np.all((points >= 0.0) & (points <= size), axis=1)]
+
+
+def _stretches(seen: Sequence[tuple[Array, Piece]]) -> list[tuple[str, list[Array]]]:
+    """The stable stretches in sight with their curves, an orbit and range once, long ones first."""
+    found: dict[tuple[str, int, int], list[Array]] = {}
+    for points, piece in seen:
+        if piece.style == "stable" and piece.orbit and len(points):
+            low, high = np.min(points[:, 0]), np.max(points[:, 0])
+            if high - low >= SHORTEST:
+                key = (plain_text(piece.orbit), round(low / 3.0), round(high / 3.0))
+                found.setdefault(key, []).append(points)
+    order = sorted(found.items(), key=lambda item: item[0][1] - item[0][2])
+    return [(key[0], sorted(c, key=lambda p: -np.max(p[:, 1]))) for key, c in order]
+
+
+def _places(
+    curves: Sequence[Array], wide: float
+) -> Iterator[tuple[tuple[float, float, float, float], float]]:
+    """Boxes beside the curves of a stretch, and what speaks against each."""
+    for number, curve in enumerate(curves[: round(TOO_MUCH / LOWER)]):
+        for fraction in FRACTIONS:
+            x, y = curve[round(fraction * (len(curve) - 1))]
+            for gap in GAPS:
+                for low in (y + gap, y - gap - HEIGHT):
+                    box = (x - wide / 2, low, x + wide / 2, low + HEIGHT)
+                    against = LOWER * number + 0.05 * gap + 0.5 * abs(fraction - 0.5)
+                    yield box, against + (0.2 if low < y else 0.0)
+
+
+def _count_covered(
+    box: tuple[float, float, float, float],
+    filled: Array,
+    taken: Sequence[tuple[float, float, float, float]],
+) -> float:
+    """How many points of lines a box covers; very many if it covers another name."""
+    x0, y0, x1, y1 = box
+    if any(x0 < b[2] and b[0] < x1 and y0 < b[3] and b[1] < y1 for b in taken):
+        return 1e6
+    x, y = filled.T
+    return float(np.count_nonzero((x0 < x) & (x < x1) & (y0 < y) & (y < y1)))
+
+
+def name_walls(ax: Any, pieces: Sequence[Piece], colours: Mapping[str, str]) -> None:
+    """Write each wall's name to the right of the curves that belong to it; longer names stand in
+    the legend alone."""
+    apart = 0.06 * float(np.ptp(ax.get_ylim()))
+    right, wide = ax.get_xlim()[1], float(np.ptp(ax.get_xlim()))
+    names = []
+    for wall, colour in colours.items():
+        own = [p for p in pieces if p.series == wall] if len(wall) == 1 else []
+        physical = [p for p in own if p.style != "unphysical"]
+        names += [(v, x, wall, colour) for x, v in _rightmost(ax, physical) or _rightmost(ax, own)]
+    lowest = -np.inf
+    for speed, place, wall, colour in sorted(names):
+        lowest = max(speed, lowest + apart)
+        look = {"fontsize": 9, "fontweight": "bold", "color": colour, "gid": "wall"}
+        offset: dict[str, Any] = {"textcoords": "offset points", "annotation_clip": False}
+        offset |= {"path_effects": HALO, "zorder": 6}
+        beside = right - place < 0.03 * wide  # a letter would lie on the frame
+        spot, shift = ((right, lowest), (5, 0)) if beside else ((place, lowest), (3, 7))
+        ax.annotate(wall, spot, shift, ha="left", va="center", **offset, **look)
+
+
+def _rightmost(ax: Any, pieces: Sequence[Piece]) -> list[tuple[float, float]]:
+    """The point in sight that is farthest to the right; of several, the one of largest speed."""
+    (low, high), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    found: list[tuple[float, float]] = []
+    for _, _, places, speeds, _ in pieces:
+        edge = np.nonzero((places[:-1] - high) * (places[1:] - high) < 0.0)[0]
+        part = (high - places[edge]) / (places[edge + 1] - places[edge])
+        crossing = speeds[edge] + part * (speeds[edge + 1] - speeds[edge])
+        found += zip(places.tolist(), speeds.tolist(), strict=True)
+        found += ((high, v) for v in crossing.tolist())
+    seen = [(x, v) for x, v in found if low <= x <= high and bottom <= v <= top]
+    return sorted(seen, key=lambda spot: (spot[0], abs(spot[1])))[-1:]

@@ -29,10 +29,9 @@ from ..models.model import Model
 from . import integrated_flight, layout, linear_flow, transients
 from . import transients as array_transients
 from . import transients as stumpff
-from .kernel import ELEMENTARY, cube, function_of, power, square
-from .kernel import FUNCTIONS as FUNCTIONS
-from .kernel import Kernel as Kernel
-from .layout import SECTION, Blocks, Row, Setup
+from .layout import ELEMENTARY, SECTION, Blocks, Row, Setup, cube, function_of, power, square
+from .layout import FUNCTIONS as FUNCTIONS
+from .layout import Kernel as Kernel
 
 # The arithmetics in which a kernel can be evaluated.
 #

@@ -10,12 +10,18 @@ import numpy as np
 import pytest
 from zoo import ROOT, SMALL, scene_table
 
+from contimpact.accuracy import reference as contestant
 from contimpact.accuracy import report
 from contimpact.accuracy import report as long_words
 from contimpact.accuracy import report as module
-from contimpact.accuracy import shooting as contestant
-from contimpact.accuracy import shooting as timing
-from contimpact.accuracy.reference import Reference, measure_simulation
+from contimpact.accuracy.reference import (
+    EXPLICIT,
+    IMPLICIT,
+    MOST_EVALUATIONS,
+    Reference,
+    Shooting,
+    measure_simulation,
+)
 from contimpact.accuracy.report import (
     _budget_note,
     _event_table,
@@ -23,7 +29,6 @@ from contimpact.accuracy.report import (
     compare_estimates,
     measure_events,
 )
-from contimpact.accuracy.shooting import EXPLICIT, IMPLICIT, MOST_EVALUATIONS, Shooting
 from contimpact.cli import main
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams.explore import follow
@@ -295,8 +300,8 @@ def test_events_that_there_is_no_time_for_are_counted(monkeypatch):
 
 
 def test_what_takes_long_is_not_repeated(monkeypatch):
-    monkeypatch.setattr(timing, "SECONDS", 0.0)
+    monkeypatch.setattr(contestant, "SECONDS", 0.0)
     calls = []
-    _, seconds = timing.time_task(lambda: calls.append(sum(range(10**5))), 5)
+    _, seconds = contestant.time_task(lambda: calls.append(sum(range(10**5))), 5)
     assert len(calls) == 1
     assert seconds["low"] == seconds["median"] == seconds["high"] > 0.0

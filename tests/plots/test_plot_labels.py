@@ -17,7 +17,7 @@ from matplotlib.text import Text
 from zoo import ROOT
 
 from contimpact import InputError, follow, plot_diagram, read_scene
-from contimpact.plots import labels as placing
+from contimpact.plots import lines as placing
 from contimpact.plots.lines import Piece, fixed_values, symbol, units_of, value_text, values_text
 from contimpact.results.diagram import Diagram
 from contimpact.results.options import LABELS

@@ -18,8 +18,7 @@ balls = pytest.importorskip("contimpact.segments.balls", reason="needs contimpac
 from fifty_digits import MP, PLAIN, holds  # noqa: E402
 from flint import arb, arb_mat, arb_series, ctx  # noqa: E402
 
-from contimpact.segments import ball_flow  # noqa: E402
-from contimpact.segments.ball_flow import number  # noqa: E402
+from contimpact.segments.balls import number  # noqa: E402
 
 PAIR = ImpactPair(beta=0.5, r=0.3, A=5.0, s=0.34)
 
@@ -67,7 +66,7 @@ def test_exponentials_of_blocks_are_those_of_the_whole_matrix(orders, directions
     each = [linear_flow.triangular(list(p), [1.0] * directions) for p in parts]
     whole = sum(np.kron(np.eye(orders, k=k), block) for k, block in enumerate(each))
     exact = arb_mat(whole.tolist()).exp()
-    found = ball_flow.exponential([[arb_mat(a.tolist()) for a in row] for row in parts])
+    found = balls.exponential([[arb_mat(a.tolist()) for a in row] for row in parts])
     for place, block in enumerate(block for row in found for block in row):
         for i, j in np.ndindex(n, n):
             assert block[i, j].overlaps(exact[i, n * place + j])

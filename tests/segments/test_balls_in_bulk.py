@@ -28,7 +28,7 @@ balls = pytest.importorskip("contimpact.segments.balls", reason="needs contimpac
 from fifty_digits import DIGITS, MP, REFERENCE, holds, reference  # noqa: E402
 from flint import arb, ctx  # noqa: E402
 
-from contimpact.segments.ball_flow import number  # noqa: E402
+from contimpact.segments.balls import number  # noqa: E402
 
 PARTS, MANY, FEW = 20, 500, 2
 """Random arguments of a kernel: in each part of the tests that take minutes, and in the others."""
