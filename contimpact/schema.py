@@ -436,17 +436,15 @@ def _needs_value(
     """Whether None, or nothing, cannot stand for a field."""
     if needed is not None:
         return field.name in needed
-    return not (_is_optional(hint) if given else _has_default(field))
-
-
-def _is_optional(hint: Any) -> bool:
-    return hint is Any or types.NoneType in typing.get_args(hint)
+    optional = hint is Any or types.NoneType in typing.get_args(hint)
+    return not (optional if given else _has_default(field))
 
 
 def fit_value(value: Any, hint: Any, name: str) -> Any:
     """Return a value as an annotation has it, or raise `ValueError` naming where it stands."""
     origin, inner = typing.get_origin(hint), typing.get_args(hint)
-    if hint is Any or _made_already(value):
+    made = dataclasses.is_dataclass(value) or hasattr(value, "dtype")  # and checked, by others
+    if hint is Any or made:
         return value
     if origin in (types.UnionType, typing.Union):
         return _fit_value_of_union(value, inner, name)
@@ -465,11 +463,6 @@ def fit_value(value: Any, hint: Any, name: str) -> Any:
     if isinstance(hint, enum.EnumMeta) and value in hint.__members__:
         return hint[value]
     raise ValueError(f"{name} is {short_repr(value)}")
-
-
-def _made_already(value: Any) -> bool:
-    """Whether a value is no plain data: somebody else has made, and checked, it."""
-    return dataclasses.is_dataclass(value) or hasattr(value, "dtype")
 
 
 def _fit_value_of_union(value: Any, hints: Sequence[Any], name: str) -> Any:

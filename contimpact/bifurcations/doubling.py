@@ -105,7 +105,8 @@ class DoublingGrazes(GrazingCoincides):
         assert touch is not None, "only a gap that exists has a zero"
         doubled, n = double_orbit(here.orbit), here.orbit.problem.n
         details = {"flight": touch.flight, "wall": touch.wall, "touch_time": touch.time}
-        along = _curve_direction(here.orbit, here.own)
+        jacobian = SingularCycle(here.orbit.problem, -1.0).assemble(here.orbit, here.own).jacobian
+        along = np.linalg.svd(jacobian)[2][-1, : len(here.orbit.unknowns)]
         laps = here.orbit.problem.laps
         apart = np.append(laps(here.own, -here.own), 0.0 * along[n:])
         together = np.append(laps(along[:n], along[:n]), along[n:])
@@ -118,12 +119,6 @@ class DoublingGrazes(GrazingCoincides):
             return apart + found[0] * together, found[1:]
 
         return [*super().born(here, index), CurveStart("G", doubled, details, leaves)]
-
-
-def _curve_direction(here: Linearisation, q: Array) -> Array:
-    """How the orbit and both parameters move along the curve of PD."""
-    jacobian = SingularCycle(here.problem, -1.0).assemble(here, q).jacobian
-    return np.linalg.svd(jacobian)[2][-1, : len(here.unknowns)]
 
 
 @declared(place=3, born=True, curves=True, second=True)
@@ -163,7 +158,8 @@ class PD(Kind):
     ) -> tuple[str | None, None]:
         """None where the branch folds between the points around the event."""
         value = event.parameter
-        bend = doubling_bend(event.point.evaluation)
+        bent, crossing = _bend(event.point.evaluation)
+        bend = -bent / crossing
         if not bend or (before.parameter - value) * (after.parameter - value) >= 0.0:
             return None, None
         before_is_there = (before.parameter - value) * bend > 0.0
@@ -186,15 +182,6 @@ def _second_order_term(here: Linearisation, q: Array) -> Array:
     along = np.concatenate([q, np.zeros(problem.free)])
     squared = problem.second_along(here.unknowns, along, -1.0, beside=-1.0)[:, :n] @ q
     return np.linalg.solve(here.cyclic(1.0)[:, :n], -0.5 * squared)
-
-
-def doubling_bend(here: Linearisation) -> float:
-    """Return c of lambda = lambda_0 + c a^2 on the branch born at this period doubling.
-
-    lambda is the first free parameter.
-    """
-    bent, crossing = _bend(here)
-    return -bent / crossing
 
 
 def _bend(here: Linearisation) -> tuple[float, float]:

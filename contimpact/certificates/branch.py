@@ -154,7 +154,13 @@ class Examination:
         budget: Budget | None = None,
     ) -> None:
         self.space = BallProblem(problem, BITS)
-        self.kinds, self.known = covered_kinds(kinds), known
+        own = [(name, kind_of(name)) for name in kinds]
+        self.kinds = [
+            name
+            for name, kind in own
+            if (kind.multiplier in MULTIPLIERS and not kind.crossing) or "touch_time" in kind.needed
+        ]
+        self.known = known
         self.budget = budget or Budget()
         self.found = Findings()
         self.limits = limits(problem)
@@ -237,9 +243,8 @@ class Examination:
                 ):
                     left.append("flights vanish there, and their multipliers with them")
                 elif not inside:
-                    missing.append(
-                        f"a zero of the test function of {name}{_place_text(tube, cell)}"
-                    )
+                    at = float(tube.state(arb(0.5 * (cell.left + cell.right)))[-1].mid())
+                    missing.append(f"a zero of the test function of {name} near {at:.9g}")
         if any("touch_time" in kind_of(kind).needed for kind in self.kinds):
             self._touches(tube, placed, events, missing, left)
         return events, missing, left
@@ -327,16 +332,6 @@ def _widen(ends: tuple[float, float]) -> tuple[float, float]:
     return ends[0] - size, ends[1] + size
 
 
-def covered_kinds(kinds: Sequence[str]) -> list[str]:
-    """Return the kinds whose events can be proven complete along a branch."""
-    own = [(kind, kind_of(kind)) for kind in kinds]
-    return [
-        name
-        for name, kind in own
-        if (kind.multiplier in MULTIPLIERS and not kind.crossing) or "touch_time" in kind.needed
-    ]
-
-
 def _kinds_by_multiplier(kinds: Sequence[str]) -> dict[float, list[str]]:
     found: dict[float, list[str]] = {}
     for name in kinds:
@@ -351,11 +346,6 @@ def _is_multiplier_zero(tube: Tube, name: str, test: Test, cell: Cell) -> bool:
     left, right = narrow_cell(tube, name, test, cell)
     state = tube.state(arb(left).union(arb(right)))
     return is_regular(tube.segment, tube.segment.space.flights(state))
-
-
-def _place_text(tube: Tube, cell: Cell) -> str:
-    value = tube.state(arb(0.5 * (cell.left + cell.right)))[-1]
-    return f" near {float(value.mid()):.9g}"
 
 
 def _fraction(one: CertifiedEntry, space: BallProblem) -> Any:
@@ -494,7 +484,10 @@ class BranchCertificate:
             f"{head}: {_percent(self.share)} proven for {kinds}, {where}, in {self.tubes} tubes"
         ]
         for name, pieces in (("missing", self.missing), ("unproven", self.unproven)):
-            found += [f"  {name}: {_piece_text(self.parameter, p)}: {p.what}" for p in pieces]
+            found += [
+                f"  {name}: {self.parameter} from {p.start:.9g} to {p.end:.9g}: {p.what}"
+                for p in pieces
+            ]
         return found + [f"  {name} is not proven to lie on the branch" for name in self.strange]
 
     def record(self) -> dict[str, Any]:
@@ -506,10 +499,6 @@ class BranchCertificate:
 def _percent(share: float) -> str:
     """A share, rounded down: what is open shows."""
     return f"{math.floor(1e4 * share) / 1e2:.2f} %"
-
-
-def _piece_text(parameter: str, piece: Piece) -> str:
-    return f"{parameter} from {piece.start:.9g} to {piece.end:.9g}"
 
 
 def problem_of(branch: Branch, model: Model | None, kernels: Kernels | None) -> OrbitProblem:

@@ -220,7 +220,8 @@ def _attempt(
         here = recorded() if recorded is not None else orbit_of(entry).linearisation
         while True:
             found = _certify_at_precision(entry, here, bits, boxes)
-            if found.certified or not _is_undecided(found) or 2 * bits > most:
+            undecided = str(found.found).startswith(UNDECIDED)  # and more digits may decide it
+            if found.certified or not (undecided or found.clause == "existence") or 2 * bits > most:
                 break
             bits *= 2
     except NoEnclosuresError:
@@ -233,11 +234,6 @@ def _attempt(
 
 
 UNDECIDED = "not decided"
-
-
-def _is_undecided(found: EventCertificate) -> bool:
-    """Whether more digits may decide a clause."""
-    return found.clause == "existence" or str(found.found).startswith(UNDECIDED)
 
 
 def _certify_at_precision(

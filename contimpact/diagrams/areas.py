@@ -58,16 +58,13 @@ def mechanisms(branch: Branch, end: Entry, scene: Scene, model: Model) -> list[i
     opened = {e.id: new.id for e, new in zip(grazings, born, strict=True) if new is not None}
     doubled = family.doubled(end, "d", DEPTH) if end.kind == PD.name else []
     opened |= {end.id: doubled[0].id} if doubled else {}
-    events = [dataclasses.replace(e, opens=_opened_branches(opened, e.id)) for e in branch.events]
+    opens = {event: (name,) for event, name in opened.items()}
+    events = [dataclasses.replace(e, opens=opens.get(e.id, ())) for e in branch.events]
     own = family.named(dataclasses.replace(branch, events=events), "b")
     found = read(Diagram("", [own, *(new for new in born if new is not None), *doubled]))
     ends = f"b-{end.id}"
     shown = {t.mechanism for t in found.transitions if ends in (t.entry, t.doubling)}
     return sorted(m for m in shown if m is not None)
-
-
-def _opened_branches(opened: dict[str, str], name: str) -> tuple[str, ...]:
-    return (opened[name],) if name in opened else ()
 
 
 def _grazings(branch: Branch, end: Entry) -> list[Entry]:

@@ -64,7 +64,7 @@ class ChainBackend(OrbitBackend[ChainVectors]):
 
     def __init__(self, problem: OrbitProblem, gaps: bool, doubling: bool) -> None:
         super().__init__(problem, gaps, doubling)
-        self.by_laws = follows_laws(problem)
+        self.by_laws = all(map(problem.kernels.linear, dict.fromkeys(problem.word.walls)))
 
     def follows(self, compiled: bool) -> bool:
         """Whether steps tell gaps."""
@@ -364,8 +364,3 @@ class SectionBackend(ChainBackend):
             np.array([one.products for one in found]),
             np.array([one.doubling for one in found]),
         )
-
-
-def follows_laws(problem: OrbitProblem) -> bool:
-    """Whether all flights of a word are linear."""
-    return all(map(problem.kernels.linear, dict.fromkeys(problem.word.walls)))

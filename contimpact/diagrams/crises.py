@@ -388,7 +388,8 @@ def add_crises(diagram: Diagram, found: Sequence[Crisis | NoCrisis]) -> Diagram:
     for one in found:
         if not isinstance(one, Crisis) or one.branch is None:
             continue
-        if not any(c.branch == one.branch and _same_value(c, one) for c in known):
+        same = (c for c in known if abs(c.value - one.value) <= c.error + one.error)
+        if not any(c.branch == one.branch for c in same):
             number = len(diagram.entries) + len(known) + 1
             branches[one.branch] = _with_entry(branches[one.branch], one, f"e{number}")
             known.append(one)
@@ -400,10 +401,6 @@ def add_crises(diagram: Diagram, found: Sequence[Crisis | NoCrisis]) -> Diagram:
     ]
     statistics["notes"] = [*statistics.get("notes", ()), *without]
     return replace(diagram, branches=list(branches.values()), statistics=statistics)
-
-
-def _same_value(one: Crisis, other: Crisis) -> bool:
-    return abs(one.value - other.value) <= one.error + other.error
 
 
 def _with_entry(branch: Branch, crisis: Crisis, name: str) -> Branch:

@@ -77,26 +77,20 @@ MARGIN = 0.1
 a spline, which is not told the tangents, departs more, at the ends and where steps change most."""
 
 
-def refine_walk(
-    walk: Walk[CurvePoint],
-    problem: CurveProblem,
-    spans: Sequence[float],
-    settings: Settings,
-    within: float,
-) -> Walk[CurvePoint]:
-    """Return a walk with further points between its own, so that the spline through the points is
-    `within` such a part of the free parameters' spans of the curve."""
-    filling = _WalkRefinement(problem, spans, settings, within)
-    return replace(walk, points=Points(list(filling.along(walk.points))))
-
-
 class _WalkRefinement:
+    """Puts further points between those of a walk, so that the spline through all of them is
+    `within` such a part of the free parameters' spans of the curve."""
+
     def __init__(
         self, problem: CurveProblem, spans: Sequence[float], settings: Settings, within: float
     ) -> None:
         self.problem, self.settings, self.within = problem, settings, MARGIN * within
         self.spans = np.array(spans)
         self.last = spans[-1]
+
+    def refined(self, walk: Walk[CurvePoint]) -> Walk[CurvePoint]:
+        """Return the walk with the points between its own."""
+        return replace(walk, points=Points(list(self.along(walk.points))))
 
     def along(self, points: Sequence[Point[CurvePoint]]) -> Iterator[Point[CurvePoint]]:
         """The points with those between them."""
@@ -372,7 +366,8 @@ def follow_curve(
         raise InputError("entry", f"no curve starts there: {found.message}", accepted)
     if within is not None:
         spans = [high - low for low, high in ranges]
-        backward, forward = (refine_walk(w, problem, spans, settings, within) for w in found)
+        filling = _WalkRefinement(problem, spans, settings, within)
+        backward, forward = map(filling.refined, found)
         found = backward, forward
     curve = curve_from_walks(name, problem, found, special, label, entry.notation, entry.id)
     return dataclasses.replace(curve, branch=entry.branch)

@@ -381,13 +381,6 @@ MOST_ROUNDS = 6
 """How often what the curves say is checked against runs, and curves are started where it fails."""
 
 
-def add_curves(scene: Scene, diagram: Diagram, progress: Progress | None = None) -> Diagram:
-    """Return the diagram of a scene with ``curves`` with these. Its branches are those of the
-    scene's own parameter values; for a family, the branches of its members are added."""
-    assert scene.curves is not None
-    return _CurveExplorer(scene, scene.curves, diagram, progress or ignore_progress).run()
-
-
 ON_EDGE = 1e-9
 """Points nearer than this part of a range to its limits are not followed out of it."""
 
@@ -428,7 +421,9 @@ class _CurveExplorer:
                 if options.start:
                     self.check_member(model, fixed)
                 if options.cover:
-                    self.cover_member(model, fixed)
+                    covering = Covering(self, model, fixed)
+                    for word in scene.orbits:
+                        self.coverage += covering.cover(word)
             if not options.cover:
                 self.notes.append(self.uncovered())
             if options.third:
@@ -601,14 +596,6 @@ class _CurveExplorer:
             "others were not looked for: set curves.cover"
         )
 
-    # Lines in both directions, until they meet nothing new.
-
-    def cover_member(self, model: Model, fixed: Mapping[str, float]) -> None:
-        """Make runs along lines of the map of each word, and start curves where none passes."""
-        covering = Covering(self, model, fixed)
-        for word in self.scene.orbits:
-            self.coverage += covering.cover(word)
-
     # Points of codimension two in a third parameter.
 
     def follow_points(self, third: str, limits: tuple[float, float]) -> None:
@@ -621,7 +608,8 @@ class _CurveExplorer:
         values = sorted({p.parameters[third] for _, p in found})
         for entry, point in found:
             edges = zip(names, (scene.range, options.range), strict=False)
-            if any(is_on_edge(point.parameters[n], limits) for n, limits in edges):
+            places = [(point.parameters[n], *edge) for n, edge in edges]
+            if any(min(v - low, high - v) <= ON_EDGE * (high - low) for v, low, high in places):
                 continue
             if any(passes_through(entry, point, curve) for curve in self.points):
                 continue
@@ -750,11 +738,6 @@ class _CurveExplorer:
         return falling_column(own) if own else self.scene.parameter
 
 
-def is_on_edge(value: float, limits: tuple[float, float]) -> bool:
-    """Whether a value lies on a limit of its range."""
-    return min(value - limits[0], limits[1] - value) <= ON_EDGE * (limits[1] - limits[0])
-
-
 def _concerns(check: Check, word: Word, fixed: Mapping[str, float]) -> bool:
     """Whether a run is one of a word, for a member of the family."""
     return (check.word, check.period, dict(check.fixed)) == (word.walls, word.period, dict(fixed))
@@ -766,9 +749,10 @@ def _fixed_text(fixed: Mapping[str, float]) -> str:
 
 def add_map(scene: Scene, diagram: Diagram, progress: Progress | None = None) -> Diagram:
     """Return the diagram of a scene with ``curves`` with these, and with areas if the scene asks
-    for them."""
+    for them. Its branches are those of the scene's own parameter values; for a family, the branches
+    of its members are added."""
     assert scene.curves is not None
-    diagram = add_curves(scene, diagram, progress)
+    diagram = _CurveExplorer(scene, scene.curves, diagram, progress or ignore_progress).run()
     if not scene.curves.areas or diagram.statistics["failure"]:
         return diagram
     return add_areas(scene, diagram, progress)

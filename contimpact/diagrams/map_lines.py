@@ -63,9 +63,13 @@ def run_at(scene: Scene, model: Model, word: Word, kernels: Kernels) -> list[Run
     """Follow every orbit of a word that is found at some value of the first parameter, which is
     free.
 
-    The model is a member of the family, at the second parameter's value.
+    The model is a member of the family, at the second parameter's value. Orbits are looked for at
+    the start and across the range, evenly in logarithms where all values are positive.
     """
-    return run_along(scene, model, word, kernels, scene.range, _search_values(scene))
+    low, high = scene.range
+    spaced = np.geomspace if low > 0.0 else np.linspace
+    searched = [scene.start, *spaced(low, high, SEARCHED + 2)[1:-1].tolist()]
+    return run_along(scene, model, word, kernels, scene.range, searched)
 
 
 def run_along(
@@ -144,20 +148,8 @@ def _orbit_beside(problem: OrbitProblem, unknowns: Array, scene: Scene, limits: 
 def tests_of(scene: Scene, problem: OrbitProblem) -> list[TestFunction]:
     """Return the test functions of a run: of the kinds with curves, then the scene's others."""
     assert scene.curves is not None
-    return test_functions(problem, [*scene.curves.kinds, *_explaining_kinds(scene)], {})
-
-
-def _explaining_kinds(scene: Scene) -> list[str]:
-    """Kinds that explain a change of stability and are wanted on branches that are kept."""
-    assert scene.curves is not None
-    return [kind for kind in scene.events if kind not in scene.curves.kinds]
-
-
-def _search_values(scene: Scene) -> list[float]:
-    """The start, and values across the range: even in their logarithms where all are positive."""
-    low, high = scene.range
-    spaced = np.geomspace if low > 0.0 else np.linspace
-    return [scene.start, *spaced(low, high, SEARCHED + 2)[1:-1].tolist()]
+    others = [kind for kind in scene.events if kind not in scene.curves.kinds]
+    return test_functions(problem, [*scene.curves.kinds, *others], {})
 
 
 def orbit_at_start(branch: Branch, scene: Scene) -> Array | None:
@@ -604,11 +596,6 @@ def orbits_at_value(run: Run, value: float) -> Iterator[Array]:
         yield rows[i] + part * (rows[i + 1] - rows[i])
 
 
-def physical_mask(points: Points) -> Array:
-    """Whether each of the points is physical."""
-    return np.asarray(Summary.of(points.numbers).findings[:, 0] == PHYSICAL)
-
-
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 INSIDE = 1e-6
 """How far inside a side its line runs, as part of the range."""
@@ -646,7 +633,8 @@ class Line:
     @property
     def real(self) -> int:
         """How many runs of the scene's word have physical orbits."""
-        return sum(bool(np.any(physical_mask(run.points))) for run in self.runs)
+        found = (Summary.of(run.points.numbers).findings[:, 0] for run in self.runs)
+        return sum(bool(np.any(findings == PHYSICAL)) for findings in found)
 
 
 class Lines:

@@ -342,13 +342,6 @@ def mirrors_back(
     return problem.apart(image, unknowns - along) < 1e-8
 
 
-def mirror_end(name: str, point: Point) -> End:
-    """Return the end of a branch at a start beyond which its mirror image follows."""
-    parameter = point.evaluation.problem.parameter
-    known = f"{name} again, as its own mirror image"
-    return End.of(EndKind.KNOWN, parameter, point.parameter, known=known)
-
-
 def symmetric_end(problem: OrbitProblem, known: Known | None = None) -> Policy | None:
     """Return what ends a walk at the branch point where its orbits become images of themselves.
 
@@ -670,7 +663,9 @@ def run_born(
         return forward.end
     first, closed = forward.points[:1], forward.end.kind is EndKind.CLOSED
     if not closed and mirrors_back(problem, start.unknowns, start.tangent, symmetry_of(problem)):
-        backward = Walk(first, (), mirror_end(name, first[0]))
+        known = f"{name} again, as its own mirror image"
+        end = End.of(EndKind.KNOWN, problem.parameter, first[0].parameter, known=known)
+        backward = Walk(first, (), end)
     elif start.both_ways or closed:
         backward = other_way(forward, problem.parameter, partial(go, -1))
         if not backward.points:

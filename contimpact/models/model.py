@@ -60,7 +60,7 @@ def _modes(modes: Any, size: int, where: str) -> list[str]:
         raise InputError(where, f"found {short_repr(names)}", "give each mode a name of its own")
     for mode in modes:
         own = size if mode.degrees_of_freedom is None else mode.degrees_of_freedom
-        if not _is_count(own):
+        if not isinstance(own, int) or isinstance(own, bool) or own < 1:
             raise InputError(
                 where, f"mode {mode.name!r} has {short_repr(own)}", "give a whole number >= 1"
             )
@@ -143,10 +143,6 @@ def _check_passage(mode: str, first: bool, guards: Iterable[Guard], where: str) 
         raise InputError(where, f"mode {mode!r} is ended by no guard", "give it a guard")
     if not first and not any(mode == guard.next_mode for guard in guards):
         raise InputError(where, f"mode {mode!r} is reached by no guard", "lead a guard to it")
-
-
-def _is_count(number: Any) -> bool:
-    return isinstance(number, int) and not isinstance(number, bool) and number >= 1
 
 
 def require_all(given: Any, attributes: Iterable[str], where: str, kind: str) -> None:

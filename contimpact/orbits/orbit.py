@@ -299,7 +299,7 @@ class Orbit(ParameterItems, NotebookResult):
 
     def _head(self) -> str:
         state = f"{'' if self.stable else 'un'}stable{'' if self.physical else ', unphysical'}"
-        factors = ", ".join(f"{_plain_number(mu):.6g}" for mu in self.multipliers)
+        factors = ", ".join(f"{mu if mu.imag else mu.real:.6g}" for mu in self.multipliers)
         place = (
             f"{name_orbit(self.notation, str(self.word))} at {self.parameter} = {self.value:.12g}"
         )
@@ -311,10 +311,6 @@ class Orbit(ParameterItems, NotebookResult):
             for wall, t, v in zip(self.word.walls, self.times, self.velocities, strict=True)
         ]
         return limit_lines(self._head(), rows, [f"  {self.reason}"] if self.reason else [])
-
-
-def _plain_number(mu: complex) -> complex | float:
-    return mu.real if mu.imag == 0.0 else mu
 
 
 # Fluctuations of a stable orbit under small noise, to first order.

@@ -555,7 +555,10 @@ class OrbitProblem:
         self.arrivals = tuple(kernels.arrival(a, b) for a, b in self.kinds)
         self._elsewhere = np.array([arrival == ELSEWHERE for arrival in self.arrivals])
         self.excursions = self._excursions()
-        self.lost = self._lost()
+        size, modes = model.DEGREES_OF_FREEDOM, model.MODES
+        met = {guard.next_mode for guard in model.WALLS if guard.name in word.walls}
+        # by how much the smallest state on the way is smaller than that of the system
+        self.lost = max(2 * size - state_size(modes, mode, size) for mode in met)
         self._place_blocks()
 
     @functools.cached_property
@@ -620,12 +623,6 @@ class OrbitProblem:
             and count > 1
             and modes[(k + 1) % count] == modes[k - 1] != modes[k]
         )
-
-    def _lost(self) -> int:
-        """By how much the smallest state on the way is smaller than that of the system."""
-        size, guards = self.model.DEGREES_OF_FREEDOM, self.model.WALLS
-        modes = {guard.next_mode for guard in guards if guard.name in self.word.walls}
-        return max(2 * size - state_size(self.model.MODES, m, size) for m in modes)
 
     def values(self, unknowns: Array) -> list[float]:
         """Return all parameter values at a point, in the model's order."""

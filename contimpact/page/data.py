@@ -476,7 +476,8 @@ def page_data(
             for branch in tell_each(branches, "drawing the orbits of", progress)
         ],
         "entries": [_entry(entry, branch) for branch in branches for entry in branch.events],
-        "looks": {kind: _look_record(kind) for kind in _kinds(diagram)},
+        "looks": {e.kind: _look_record(e.kind) for e in diagram.entries}
+        | {c.kind: _look_record(c.kind) for c in diagram.curves},
         "reading": _reading(diagram, found),
         "keys": [_key(key, keys) for key in keys],
         "curves": [_curve(curve) | {"key": keys.index(key_of(curve))} for curve in diagram.curves],
@@ -661,11 +662,6 @@ def _entry(entry: Entry, branch: Branch) -> dict[str, Any]:
     parts = label_parts(entry.kind, entry.label, entry.ghost, entry.period)
     said = {name: value for name, value in record.items() if name not in UNSAID}
     return said | {"row": row, "parts": dataclasses.asdict(parts)}
-
-
-def _kinds(diagram: Diagram) -> list[str]:
-    entries, curves = diagram.entries, diagram.curves
-    return list(dict.fromkeys([*(e.kind for e in entries), *(c.kind for c in curves)]))
 
 
 def _look_record(kind: str) -> dict[str, Any]:

@@ -667,7 +667,7 @@ def name_orbits(ax: Any, pieces: Sequence[Piece]) -> int:
         return np.asarray((there - frame.p0) / dots)
 
     lines = [(_dense(in_points(p.places, p.values)), p) for p in pieces]
-    seen = [(_points_inside(points, size), piece) for points, piece in lines]
+    seen = [(p[np.all((p >= 0.0) & (p <= size), axis=1)], piece) for p, piece in lines]
     marks = [line for line in ax.lines if line.get_linestyle() == "None"]
     spots = [in_points(*m.get_data()) for m in marks]
     filled = np.vstack([np.zeros((0, 2)), *(points for points, _ in seen), *spots])
@@ -701,10 +701,6 @@ def _dense(corners: Array) -> Array:
     length = np.append(0.0, np.cumsum(np.hypot(*np.diff(corners, axis=0).T)))
     along = np.linspace(0.0, length[-1], int(min(length[-1] / APART, 4000)) + 2)
     return np.column_stack([np.interp(along, length, column) for column in corners.T])
-
-
-def _points_inside(points: Array, size: Array) -> Array:
-    return points[np.all((points >= 0.0) & (points <= size), axis=1)]
 
 
 def _stretches(seen: Sequence[tuple[Array, Piece]]) -> list[tuple[str, list[Array]]]:

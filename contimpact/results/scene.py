@@ -362,10 +362,6 @@ def read_model(given: Mapping[str, Any], systems: Mapping[str, type[Model]] | No
         raise error.within(inside) from None
 
 
-def _written_model(model: Model) -> dict[str, Any]:
-    return {"system": model.SYSTEM, **model.options, "parameters": dict(model.values)}
-
-
 def _range(limits: tuple[float, float], where: str, here: Any) -> tuple[float, float]:
     low, high = range_around_start(limits, where, here.model, here.parameter)
     here.model.validate_between(here.parameter, low, high, where)
@@ -491,7 +487,11 @@ class Scene(ParameterItems):
     model: Model = key(
         given=Mapping[str, Any],
         check=lambda given, where, here: read_model(given, here.scene),
-        write=_written_model,
+        write=lambda model: {
+            "system": model.SYSTEM,
+            **model.options,
+            "parameters": dict(model.values),
+        },
     )
     """Model at the start's parameter values."""
     parameter: str = key(

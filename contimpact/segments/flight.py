@@ -114,12 +114,9 @@ def _trigonometric_zeros(mean: float, series: Sequence[tuple[int, float, float]]
         coefficients[highest + k] += 0.5 * (a - 1j * b)
         coefficients[highest - k] += 0.5 * (a + 1j * b)
     roots = np.roots(coefficients[::-1])
-    return [_polish_root(angle, mean, series) for angle in _near_circle(roots)]
-
-
-def _near_circle(roots: Array) -> list[float]:
-    near = np.abs(np.log(np.abs(roots[roots != 0.0]))) < 0.3
-    return np.angle(roots[roots != 0.0][near]).tolist()
+    roots = roots[roots != 0.0]
+    near_circle = np.angle(roots[np.abs(np.log(np.abs(roots))) < 0.3])
+    return [_polish_root(angle, mean, series) for angle in near_circle.tolist()]
 
 
 def _polish_root(angle: float, mean: float, series: Sequence[tuple[int, float, float]]) -> float:

@@ -160,6 +160,10 @@ def dask(address: str) -> Workshop:
     return Workshop("dask", functools.partial(_dask_client, address), _dask_workers, joined=True)
 
 
+def _dask_workers(executor: Any) -> int | None:
+    return sum(executor.client.nthreads().values()) or None
+
+
 @contextlib.contextmanager
 def _dask_client(address: str, workers: int | None) -> Iterator[Executor]:
     distributed = _module("distributed", "dask", "--scheduler")
@@ -176,10 +180,6 @@ def _dask_client(address: str, workers: int | None) -> Iterator[Executor]:
 
 PATIENCE = 60.0
 """Seconds to wait for a scheduler."""
-
-
-def _dask_workers(executor: Any) -> int | None:
-    return sum(executor.client.nthreads().values()) or None
 
 
 def mpi() -> Workshop:

@@ -48,6 +48,7 @@ def export(
     write = _writer(kind)
     written: dict[str, int] = {}
     for name in names or studies(store):
+        stem = "".join(c if c.isalnum() or c in "-_." else "_" for c in name)
         with Study(store, name) as study:
             for table in tables or ROWS:
                 chosen = study.select(table)
@@ -55,16 +56,12 @@ def export(
                     continue
                 types = chosen.types()
                 shown = {c: t for c, t in types.items() if columns is None or c in columns}
-                target = Path(folder) / f"{_stem(name)}-{table}.{kind}"
+                target = Path(folder) / f"{stem}-{table}.{kind}"
                 with _replacing(target, list(written)) as temporary:
                     written[target.name] = write(
                         temporary, shown, _rows(chosen, list(shown), digits)
                     )
     return written
-
-
-def _stem(name: str) -> str:
-    return "".join(c if c.isalnum() or c in "-_." else "_" for c in name)
 
 
 def _rows(chosen: Selection, columns: Sequence[str], digits: int | None) -> Iterator[list[Any]]:

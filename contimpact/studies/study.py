@@ -65,11 +65,6 @@ class Main(NamedTuple):
     end: str | None
 
 
-def falling_parameter(study: Study) -> str:
-    """Return the parameter that falls: the derived one, if there is one."""
-    return study.derived or study.parameter
-
-
 def main_orbits(study: Study, orbit: str) -> dict[int, Main]:
     """Return the main stable orbit of a notation in each scene that has one."""
     intervals: dict[tuple[int, str], list[Main]] = {}
@@ -790,7 +785,8 @@ def map_of(
     values = [known.get(scene, empty) for scene in places]
     values = [empty if v is None else v for v in values]
     x, y = np.array(list(places.values())).reshape(-1, 2).T
-    said = which.text.format(orbit=orbit, along=falling_parameter(study), parameter=study.parameter)
+    falling, parameter = study.derived or study.parameter, study.parameter
+    said = which.text.format(orbit=orbit, along=falling, parameter=parameter)
     kind: Any = object if which.named else float
     column = np.array(values, dtype=kind)
     curves = codimension_two(study, chosen, orbit, at or {})
