@@ -136,8 +136,9 @@ if not TYPE_CHECKING:  # where types are read, a name that is not above is a mis
 
 
 def load_painters() -> None:
-    """Load what draws results in notebooks; it registers itself in `display.PAINTERS`."""
-    importlib.import_module(f"{__name__}.plots.notebook")
+    """Load the functions that draw results; they register themselves with `display`."""
+    for name in ("attractors", "maps", "orbit"):  # which import the others
+        importlib.import_module(f"{__name__}.plots.{name}")
 
 
 def _lacking(name: str, error: ModuleNotFoundError) -> Any:

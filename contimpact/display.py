@@ -1,14 +1,16 @@
 """How results show themselves: short texts, tables and pictures in notebooks, data frames.
 
-A result says what it is as a `Summary`; everything else follows. Pictures are drawn by what
-registers itself in `PAINTERS`, loaded when a notebook asks for one: what holds results knows of no
-pictures.
+A result says what it is as a `Summary`; everything else follows. Functions that draw pictures
+register themselves with `draw_result`, loaded when a notebook asks for one: what holds results
+knows of no pictures.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import functools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .errors import InputError, did_you_mean, explain_arguments, missing, printable, short_repr
@@ -17,8 +19,10 @@ LINES = 10
 """Largest number of lines in a text that shows a result."""
 ROWS = 20
 """Largest number of rows in a table of a notebook."""
-PAINTERS: list[Callable[..., Any]] = []
-"""Functions that draw a result, with options, and return its axes; the last one is asked."""
+DRAWN = (
+    "branches, diagrams, curves, orbits, events, attractors, runs, sweeps, basins, fractions, "
+    "ranges, manifolds, fits and studies"
+)
 
 
 @dataclass(frozen=True)
@@ -147,7 +151,19 @@ def plot(result: Any, *x: Any, **options: Any) -> Any:
     from . import load_painters
 
     load_painters()
-    return PAINTERS[-1](result, *x, **options)
+    return draw_result(result, *x, **options)
+
+
+@functools.singledispatch
+def draw_result(result: Any, *x: Any, **options: Any) -> Any:
+    """Draw a result and return the axes.
+
+    Raises InputError if it cannot be drawn.
+    """
+    found = f"found {short_repr(result)}"
+    if isinstance(result, str | Path):
+        raise InputError("picture", found, "give a result, as contimpact.load reads it")
+    raise InputError("picture", found, f"there are pictures of {DRAWN}")
 
 
 def picture_of(result: Any) -> str:

@@ -20,6 +20,7 @@ import numpy as np
 from matplotlib.patches import Patch
 
 from ..arrays import Array
+from ..display import draw_result
 from ..errors import InputError, explain_arguments
 from ..models.model import Model
 from ..orbits.orbit import Orbit
@@ -660,6 +661,7 @@ def _branch_voltages(ax: Any, membrane: Membrane, diagram: Diagram, x: str) -> l
 # Basins.
 
 
+@draw_result.register(Basins)
 @explain_arguments
 def plot_basins(found: Basins, ax: Any = None) -> Any:
     """Draw which attractor each start leads to, and where the attractors hit the wall.
@@ -708,6 +710,7 @@ def plot_basins(found: Basins, ax: Any = None) -> Any:
 HATCHES = ("", "///", "...", "xxx", "\\\\\\", "ooo")
 
 
+@draw_result.register(BasinFractions)
 @explain_arguments
 def plot_fractions(
     found: BasinFractions, ax: Any = None, *, x: str | None = None, unit: str = ""
@@ -765,6 +768,7 @@ def _draw_bands(ax: Any, shares: Sequence[Share], places: Mapping[float, float])
     return handles
 
 
+@draw_result.register(Manifold)
 @explain_arguments
 def plot_manifold(found: Manifold, ax: Any = None, *, wall: str | None = None) -> Any:
     """Draw a manifold, and its orbit, among the impacts on a wall.
@@ -812,6 +816,22 @@ def plot_manifold(found: Manifold, ax: Any = None, *, wall: str | None = None) -
     handles, _ = ax.get_legend_handles_labels()
     _legend(ax, handles)
     return ax
+
+
+@draw_result.register
+def _(result: Sweep, *x: str, **options: Any) -> Any:
+    return plot_sweep(result, **{**({"x": x[0]} if x else {}), **options})
+
+
+@draw_result.register
+def _(result: Attractor, model: Model | None = None) -> Any:
+    simulator = Simulator(result.require_model(model))
+    return tuple(portrait_figure(simulator, result, {}).axes)
+
+
+@draw_result.register
+def _(result: Run, model: Model | None = None) -> Any:
+    return draw_result(attractor_of_run(result, model))
 
 
 def _rgb(colour: str) -> tuple[float, float, float]:

@@ -25,6 +25,7 @@ from matplotlib.path import Path as OutlinePath
 from ..arrays import Array
 from ..bifurcations.codimension_two import MARKERS, OTHER_NAMES
 from ..bifurcations.kind import kind_of
+from ..display import draw_result
 from ..errors import InputError, explain_arguments, require_known, short_repr
 from ..results.curve import (
     Area,
@@ -46,7 +47,7 @@ from ..results.curve import (
 from ..results.diagram import Diagram
 from ..simulation.attractor import Attractor, Kind
 from ..simulation.sweep import Row, Sweep
-from .diagram import legend_mark, new_figure, save_figure, write_heading
+from .diagram import legend_mark, new_figure, plot_diagram, save_figure, write_heading
 from .lines import axis_label, plain_text, set_label, symbol, values_text
 
 # Outlines with as few points as are seen.
@@ -722,3 +723,18 @@ def _legend_of_transitions(
         handles.append(legend_mark(marker="o", label=told, **_look_of_transition(None)))
     inside: dict[str, Any] = {"loc": "upper right", "fontsize": 7.0, "framealpha": 0.85}
     ax.legend(handles=handles, **inside)
+
+
+# Results as they are drawn where nothing is asked for.
+
+
+@draw_result.register
+def _(result: Curve, **options: Any) -> Any:
+    return plot_curves([result], **options)
+
+
+@draw_result.register
+def _(result: Diagram, *x: Any, **options: Any) -> Any:
+    if not result.branches and result.curves:
+        return plot_curves(result.curves, *x, **options)
+    return plot_diagram(result, *x, **options)

@@ -14,17 +14,17 @@ import math
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import matplotlib
 import matplotlib.figure
 import numpy as np
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 from matplotlib.text import Text
 from matplotlib.transforms import ScaledTranslation
 
 from ..bifurcations.kind import kind_of
+from ..display import draw_result
 from ..errors import InputError, explain_arguments, require_known, short_repr
 from ..results.branch import Branch, Entry
 from ..results.diagram import Diagram
@@ -59,9 +59,6 @@ from .lines import (
     values_text,
     walls_of,
 )
-
-if TYPE_CHECKING:
-    from ..diagrams.ranges import Ranges
 
 # Figures that notebooks show by themselves, without a backend.
 
@@ -386,42 +383,6 @@ def draw_legend(ax: Any, handles: Sequence[Any]) -> None:
             break
 
 
-# Which attractors there are along a parameter, as a bar for each.
-
-FILLS: dict[bool, dict[str, Any]] = {
-    True: {"facecolor": "0.35", "edgecolor": "k"},
-    False: {"facecolor": "white", "edgecolor": "k", "hatch": "////"},
-}
-"""Bars of orbits on branches, and of motion that simulation alone shows."""
-
-
-@explain_arguments
-def plot_ranges(found: Ranges, ax: Any = None, *, unit: str = "") -> Any:
-    """Draw a bar for each attractor, those of one notation in one row; returns the axes.
-
-    Where simulation alone shows an end, a line shows between which values it lies. The axes, such
-    as those below a diagram, are new ones by default; the unit is that of the parameter.
-    """
-    motions = sorted(found.motions, key=lambda motion: motion.low.value)
-    names = list(dict.fromkeys(plain_text(motion.notation, 30) for motion in motions))
-    ax = ax or new_figure(7.2, 0.9 + 0.32 * max(len(names), 1)).add_subplot()
-    for motion in motions:
-        row = names.index(plain_text(motion.notation, 30))
-        low, high = motion.low, motion.high
-        look = FILLS[motion.branch is not None]
-        ax.barh(row, high.value - low.value, left=low.value, height=0.55, linewidth=0.8, **look)
-        for end in (low, high):
-            if end.entry is None and end.error:
-                bar = {"fmt": "none", "ecolor": "k", "elinewidth": 1.2, "capsize": 3.0}
-                ax.errorbar([end.value], [row], xerr=[end.error], **bar)
-    ax.set_yticks(range(len(names)), names)
-    ax.invert_yaxis()
-    ax.set_xlim(found.ranges[0].low, found.ranges[-1].high)
-    ax.set_xlabel(axis_label(found.parameter, unit))
-    kinds = {motion.branch is not None for motion in motions}
-    texts = {True: "stable orbits of branches", False: "simulated, on no branch"}
-    handles = [Patch(label=texts[kind], **FILLS[kind]) for kind in sorted(kinds)]
-    ax.legend(
-        handles=handles, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False
-    )
-    return ax
+@draw_result.register
+def _(result: Branch, *x: Any, **options: Any) -> Any:
+    return plot_diagram(result, *x, **{"unphysical": "all", **options})

@@ -1,4 +1,4 @@
-"""Maps of studies: a quantity over two parameters, and curves of codimension two over it."""
+"""Maps of studies, curves of codimension two over them, and ranges of attractors as bars."""
 
 from __future__ import annotations
 
@@ -12,8 +12,11 @@ from matplotlib.patches import Patch
 
 from ..bifurcations.declarations import KINDS
 from ..bifurcations.kind import kind_of
-from ..studies.study import Map
-from .diagram import Figure, legend_mark, save_figure, write_heading
+from ..diagrams.ranges import Ranges
+from ..display import draw_result
+from ..errors import explain_arguments
+from ..studies.study import Map, Study
+from .diagram import Figure, legend_mark, new_figure, save_figure, write_heading
 from .lines import axis_label, plain_text, set_label
 
 NAMED = ("#d5e5f2", "#56a0ce", "#f0c05a", "#1f4e79", "#cccccc", "#77913f", "#5b3a6b", "#c9733f")
@@ -136,3 +139,50 @@ def _colour(name: str, place: int) -> Any:
 def _label_text(name: str) -> str:
     kind = name.lstrip("~").partition("[")[0]
     return set_label(kind, name) if kind in KINDS else plain_text(name)
+
+
+# Which attractors there are along a parameter, as a bar for each.
+
+FILLS: dict[bool, dict[str, Any]] = {
+    True: {"facecolor": "0.35", "edgecolor": "k"},
+    False: {"facecolor": "white", "edgecolor": "k", "hatch": "////"},
+}
+"""Bars of orbits on branches, and of motion that simulation alone shows."""
+
+
+@draw_result.register(Ranges)
+@explain_arguments
+def plot_ranges(found: Ranges, ax: Any = None, *, unit: str = "") -> Any:
+    """Draw a bar for each attractor, those of one notation in one row; returns the axes.
+
+    Where simulation alone shows an end, a line shows between which values it lies. The axes, such
+    as those below a diagram, are new ones by default; the unit is that of the parameter.
+    """
+    motions = sorted(found.motions, key=lambda motion: motion.low.value)
+    names = list(dict.fromkeys(plain_text(motion.notation, 30) for motion in motions))
+    ax = ax or new_figure(7.2, 0.9 + 0.32 * max(len(names), 1)).add_subplot()
+    for motion in motions:
+        row = names.index(plain_text(motion.notation, 30))
+        low, high = motion.low, motion.high
+        look = FILLS[motion.branch is not None]
+        ax.barh(row, high.value - low.value, left=low.value, height=0.55, linewidth=0.8, **look)
+        for end in (low, high):
+            if end.entry is None and end.error:
+                bar = {"fmt": "none", "ecolor": "k", "elinewidth": 1.2, "capsize": 3.0}
+                ax.errorbar([end.value], [row], xerr=[end.error], **bar)
+    ax.set_yticks(range(len(names)), names)
+    ax.invert_yaxis()
+    ax.set_xlim(found.ranges[0].low, found.ranges[-1].high)
+    ax.set_xlabel(axis_label(found.parameter, unit))
+    kinds = {motion.branch is not None for motion in motions}
+    texts = {True: "stable orbits of branches", False: "simulated, on no branch"}
+    handles = [Patch(label=texts[kind], **FILLS[kind]) for kind in sorted(kinds)]
+    ax.legend(
+        handles=handles, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False
+    )
+    return ax
+
+
+@draw_result.register
+def _(result: Study, quantity: str = "ends", **options: Any) -> Any:
+    return plot_map(result.map(quantity, **options))

@@ -12,16 +12,19 @@ from typing import Any
 import numpy as np
 
 from ..bifurcations.kind import kind_of
-from ..errors import InputError, explain_arguments
+from ..display import draw_result
+from ..errors import InputError, explain_arguments, short_repr
 from ..models.model import Model
 from ..orbits.fitting import CLOCK, MEASURED, Fit
 from ..orbits.orbit import Orbit
 from ..orbits.problem import positions
-from ..results.branch import Entry
+from ..results.branch import Branch, Entry
+from ..results.curve import Curve
 from ..results.entry_conversion import entry_by_name, to_orbit
 from ..simulation.attractor import Attractor
 from .attractors import INK_OF_PORTRAITS, OTHERS, wall_names
-from .diagram import COLOURS, legend_mark, new_figure
+from .curves import plot_curves
+from .diagram import COLOURS, legend_mark, new_figure, plot_diagram
 from .lines import STYLES, plain_text
 
 PERIODS = 2
@@ -30,6 +33,8 @@ IMPACT: dict[str, Any] = {"marker": "o", "markerfacecolor": "white", "markersize
 TOUCH: dict[str, Any] = {"marker": kind_of("G").look.marker, "markersize": 6, "zorder": 6}
 
 
+@draw_result.register(Orbit)
+@draw_result.register(Entry)
 @explain_arguments
 def plot_orbit(
     *orbits: Any,
@@ -236,3 +241,19 @@ def plot_fit(found: Fit, axes: Any = None) -> Any:
     axes[0].legend(title="wall", loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
     axes[len(kinds) - 1].set_xlabel("phase, in periods of the orbit" if timed else "row")
     return axes
+
+
+@draw_result.register
+def _(result: Fit, **options: Any) -> Any:
+    return plot_fit(result, **options)
+
+
+@draw_result.register
+def _(result: list | tuple, *x: Any, **options: Any) -> Any:
+    for kind, draw in ((Branch, plot_diagram), (Curve, plot_curves)):
+        if result and all(isinstance(one, kind) for one in result):
+            return draw(result, *x, **options)
+    if result and all(isinstance(one, Orbit | Entry) for one in result):
+        return plot_orbit(*result, *x, **options)
+    found = f"found {short_repr(result)}"
+    raise InputError("picture", found, "give branches, curves, or orbits and events")

@@ -18,7 +18,7 @@ from contimpact.diagrams.crises import add_crises
 from contimpact.diagrams.crisis_location import Crisis, locate_crisis
 from contimpact.diagrams.ranges import attractor_ranges, load_ranges
 from contimpact.errors import InputError
-from contimpact.plots.diagram import plot_ranges
+from contimpact.plots.maps import plot_ranges
 from contimpact.results.branch import model_at
 from contimpact.results.catalogue import Share, write_diagram
 from contimpact.results.diagram import Diagram
