@@ -38,9 +38,8 @@ from ..models.guards import Word
 from ..orbits.orbit import Orbit
 from ..orbits.problem import OrbitProblem
 from ..orbits.status import multipliers
-from ..results.branch import Entry, orbit_of
+from ..results.branch import Entry, details_of, orbit_of
 from ..results.diagram import Diagram
-from ..results.entry_conversion import details_of
 from ..results.scene import Scene
 from ..segments.kernels import Kernels
 from ..storage import finite, write_all

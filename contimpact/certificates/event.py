@@ -17,8 +17,7 @@ from ..models.guards import Word
 from ..orbits.problem import Linearisation
 from ..orbits.quiet import problem_of
 from ..orbits.search import solve_near
-from ..results.branch import Entry, orbit_of
-from ..results.entry_conversion import details_of
+from ..results.branch import Entry, details_of, orbit_of
 from .equations import BallProblem, Balls, crosses, krawczyk, prove_zero
 from .orbit import Orbit, stops_at_once
 

@@ -15,14 +15,14 @@ from ..errors import InputError, require_known, short_repr
 from ..models.model import Model
 from ..progress import Progress, telling
 from ..results.branch import model_at
-from ..results.catalogue import Results, open_results, read_fractions, scene_in, simulation_remarks
+from ..results.catalogue import Results, open_results, read_fractions, simulation_remarks
 from ..results.diagram import Diagram
 from ..results.diagram_reading import sentence_of
 from ..results.options import FORMATS, CertifyOptions, PlotOptions
-from ..results.result_folder import hold_folder, kept_still, reading
-from ..results.scene import Scene, load_scene, systems_of
+from ..results.result_folder import MANIFEST, WANTED, hold_folder, kept_still, reading
+from ..results.scene import Scene, load_scene, read_scene, systems_of
 from ..segments.kernels import Kernels
-from ..storage import is_there, write_all
+from ..storage import is_there, read_json, write_all
 from . import complain, say
 from .console import motions_in, require_output
 
@@ -300,3 +300,29 @@ def settings_of(results: Results) -> CertifyOptions:
         return CertifyOptions()
     scene = scene_in(results.folder, manifest=results.manifest)
     return scene.certify or CertifyOptions(events=scene.events)
+
+
+def scene_in(
+    folder: Path,
+    systems: Mapping[str, type[Model]] | None = None,
+    manifest: Mapping[str, Any] | None = None,
+) -> Scene:
+    """Return the scene in a folder's manifest, which may have been read; without one, that of its
+    scene file.
+
+    Raises InputError if there is neither, or it is damaged.
+    """
+    path = folder / "manifest.json"
+    if manifest is None:
+        if not path.exists() and (folder / "scene.toml").exists():
+            return load_scene(folder / "scene.toml", systems)
+        manifest = read_json(path, MANIFEST, WANTED)
+    try:
+        return read_scene(manifest["scene"]["resolved"], systems)
+    except InputError as error:
+        if error.where == "model.system":
+            raise InputError(str(path), error.found, error.accepted) from None
+        found = f"its scene cannot be read: {error}"
+        raise InputError(str(path), found, f"give {WANTED}") from None
+    except (KeyError, TypeError):
+        raise InputError(str(path), "damaged: it holds no scene", f"give {WANTED}") from None

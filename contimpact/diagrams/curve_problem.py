@@ -46,13 +46,11 @@ from ..errors import InputError, short_repr
 from ..models.model import Model
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.status import Verdict
-from ..results.branch import Entry, orbit_of
-from ..results.entry_conversion import details_of
+from ..results.branch import Entry, details_of, orbit_of
 from ..segments.compiling import CompiledProgram, load, mode, timed_plainly
 from ..segments.kernels import Kernels
 from ..segments.layout import Setup
 from ..segments.machine_code import Program
-from .orbit_functions import glue_steps
 from .orbit_walks import SwitchingBackend
 
 # An extended system with further free parameters, as a problem the continuer follows.
@@ -573,6 +571,8 @@ def program_of(kernels: Kernels, variant: str) -> Program:
     Both parameters of the kernels are free; the variant is "singular" for FB and PD, "touching" for
     G.
     """
+    from .orbit_program import glue_steps
+
     program = Program({})
     add_kernels(program, kernels, variant, "any")
     evaluate, _ = FUNCTIONS[variant]

@@ -27,7 +27,7 @@ from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
 from ..orbits.search import repeats, solve_near
 from ..progress import Progress, counting_callback, ignore_progress
-from ..results.branch import Branch, Entry, coordinates, model_of
+from ..results.branch import Branch, Entry, coordinates, details_of, model_of
 from ..results.curve import (
     Area,
     Check,
@@ -40,7 +40,7 @@ from ..results.curve import (
     regions,
 )
 from ..results.diagram import Diagram, Limits
-from ..results.entry_conversion import details_of, entry_of
+from ..results.entry_conversion import entry_of
 from ..results.options import CURVE_SETTINGS, CurveOptions
 from ..results.scene import Scene
 from ..segments.kernels import Kernels

@@ -34,9 +34,8 @@ from ..orbits.quiet import problem_of
 from ..orbits.search import find_orbits, reduce_period, rotate_to_word, search_for, solve_near
 from ..orbits.status import PHYSICAL
 from ..progress import Progress
-from ..results.branch import Branch, Entry, columns_of, orbit_of
+from ..results.branch import Branch, Entry, columns_of, details_of, orbit_of
 from ..results.curve import BIRTHS, Coverage, Curve
-from ..results.entry_conversion import details_of
 from ..results.scene import Scene
 from ..segments.kernels import Kernels
 from .curve_problem import system_of

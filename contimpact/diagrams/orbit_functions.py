@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import NamedTuple
 
 from ..arrays import Table, Vector
-from ..continuation.step import take_steps
 from ..orbits.block_cyclic import (
     POSITIONS,
     UNRESOLVED,
@@ -28,10 +27,6 @@ from ..orbits.status import (
     verdict,
 )
 from ..segments.layout import Blocks, Setup
-
-if TYPE_CHECKING:
-    from ..segments.kernels import Kernels
-    from ..segments.machine_code import Program
 
 WALLS, PERIODS, FREE, DERIVED, GAPS, DOUBLING = range(6)
 """Places in `counts`: how many walls and periods, the place of the free parameter among the
@@ -210,36 +205,3 @@ def observe_cycle(
     known = orbit.counts[GAPS] != 0
     row[at + 5], row[at + 6], row[at + 7] = what if known else math.nan, place, wall
     row[at + 8], row[at + 9], row[at + 10] = amount, when, smallest
-
-
-# What makes these and other functions of a problem a compiled program.
-
-STEPS = """
-def entry({fields}, options, state, scale, z, tangent, chord, step_work, rows):
-    problem = {vectors}({fields})
-    step_vectors = (options, state, scale, z, tangent, chord, step_work, rows)
-    return take_steps(evaluate, {solve}, {tangent_at}, {observe}, problem, step_vectors)
-
-def any_setup(p):
-    return kernel_setup({p})
-"""
-
-
-def glue_steps(
-    program: Program,
-    kernels: Kernels,
-    vectors: Any,
-    text: str,
-    *functions: Callable[..., Any],
-    observe: str = "observe",
-) -> Program:
-    """Add to a program what takes steps with these vectors, and the text of its own functions:
-    `evaluate` and `observe`. The functions are solve, tangent_at, and those that the text calls."""
-    named = {function.__name__: function for function in (*functions, take_steps)}
-    solve, tangent_at, *_ = named
-    p = ", ".join(f"p[{i}]" for i in range(len(kernels.model.values)))
-    called = {"solve": solve, "tangent_at": tangent_at, "observe": observe, "p": p}
-    program.constant(vectors.__name__, vectors)
-    steps = STEPS.format(fields=", ".join(vectors._fields), vectors=vectors.__name__, **called)
-    program.glue(text + steps, kernel_setup=kernels.setup, **named)
-    return program

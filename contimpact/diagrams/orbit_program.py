@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ..arrays import Vector
+from ..continuation.step import take_steps
 from ..models.guards import following_letters
 from ..orbits.block_cyclic import notice_growth, store, store_compiled
 from ..orbits.cyclic_chain import (
@@ -34,7 +35,6 @@ from ..syntax import parse
 from .orbit_functions import (
     OrbitVectors,
     evaluate_cycle,
-    glue_steps,
     newton_step,
     observe_cycle,
     tangent_of_cycle,
@@ -239,6 +239,39 @@ def add_scratch_space(kernel: Kernel) -> Kernel:
     function.body = body
     text = ast.unparse(ast.fix_missing_locations(tree))
     return kernel_of(kernel.__name__, text, f"<{kernel.__name__} with space>")
+
+
+# What makes functions of a problem a compiled program that takes steps.
+
+STEPS = """
+def entry({fields}, options, state, scale, z, tangent, chord, step_work, rows):
+    problem = {vectors}({fields})
+    step_vectors = (options, state, scale, z, tangent, chord, step_work, rows)
+    return take_steps(evaluate, {solve}, {tangent_at}, {observe}, problem, step_vectors)
+
+def any_setup(p):
+    return kernel_setup({p})
+"""
+
+
+def glue_steps(
+    program: Program,
+    kernels: Kernels,
+    vectors: Any,
+    text: str,
+    *functions: Callable[..., Any],
+    observe: str = "observe",
+) -> Program:
+    """Add to a program what takes steps with these vectors, and the text of its own functions:
+    `evaluate` and `observe`. The functions are solve, tangent_at, and those that the text calls."""
+    named = {function.__name__: function for function in (*functions, take_steps)}
+    solve, tangent_at, *_ = named
+    p = ", ".join(f"p[{i}]" for i in range(len(kernels.model.values)))
+    called = {"solve": solve, "tangent_at": tangent_at, "observe": observe, "p": p}
+    program.constant(vectors.__name__, vectors)
+    steps = STEPS.format(fields=", ".join(vectors._fields), vectors=vectors.__name__, **called)
+    program.glue(text + steps, kernel_setup=kernels.setup, **named)
+    return program
 
 
 OF_CYCLE = """

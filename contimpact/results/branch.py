@@ -13,7 +13,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..bifurcations.declarations import SYNONYMS
-from ..bifurcations.kind import Scenario
+from ..bifurcations.kind import Scenario, kind_of
 from ..bifurcations.requested import PERIOD
 from ..continuation.branch import End, EndKind, same_place
 from ..display import NotebookResult, ParameterItems, Summary, frame, limit_lines
@@ -744,3 +744,22 @@ class Branch(Columns):
             said[2:] = [f"  ... and {len(said) - 2} more remarks"]
         start, end = f"  start: {self.ends[0].message}", f"  end:   {self.ends[1].message}"
         return limit_lines(self._head(), events, [end, *said], ahead=[start])
+
+
+DETAILS = ("flight", "wall", "impact", "touch_time", "requested")
+"""Details of an event that an entry keeps."""
+
+
+def details_of(entry: Entry) -> dict[str, Any]:
+    """Return where on its orbit an entry's event happens, in the clock of its unknowns.
+
+    Raises InputError if the entry does not say.
+    """
+    kept = {name: getattr(entry, name) for name in DETAILS}
+    details = {name: value for name, value in kept.items() if value is not None}
+    if lacking := [name for name in kind_of(entry.kind).needed if name not in details]:
+        found = f"it has no {lacking[0]}"
+        raise InputError("entry", found, "give an entry as a catalogue records it")
+    if entry.word and entry.orbit_period is not None and "touch_time" in details:
+        details["touch_time"] -= entry.orbit_period
+    return details

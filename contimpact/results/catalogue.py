@@ -27,7 +27,6 @@ import numpy as np
 from ..arrays import Array
 from ..errors import InputError, explain_arguments
 from ..models.guards import LONGEST_WORD
-from ..models.model import Model
 from ..schema import attribute, build_record, fit_value, record, table_columns
 from ..storage import (
     LARGEST_RECORD,
@@ -42,7 +41,6 @@ from ..storage import (
     json_text,
     open_plain,
     read_bounded,
-    read_json,
     unescape_text,
     write_all,
 )
@@ -53,16 +51,13 @@ from .diagram_reading import SURVEYS, read
 from .result_folder import (
     CATALOGUE,
     LONGEST,
-    MANIFEST,
     TABLES,
-    WANTED,
     branch_file,
     curve_file,
     hold_folder,
     reading_catalogue,
     renew_folder,
 )
-from .scene import Scene, load_scene, read_scene
 
 T = TypeVar("T")
 
@@ -478,32 +473,6 @@ def open_results(folder: Path) -> Results:
         limits=found.limits or (),
     )
     return Results(folder, manifest, content, entries, diagram)
-
-
-def scene_in(
-    folder: Path,
-    systems: Mapping[str, type[Model]] | None = None,
-    manifest: Mapping[str, Any] | None = None,
-) -> Scene:
-    """Return the scene in a folder's manifest, which may have been read; without one, that of its
-    scene file.
-
-    Raises InputError if there is neither, or it is damaged.
-    """
-    path = folder / "manifest.json"
-    if manifest is None:
-        if not path.exists() and (folder / "scene.toml").exists():
-            return load_scene(folder / "scene.toml", systems)
-        manifest = read_json(path, MANIFEST, WANTED)
-    try:
-        return read_scene(manifest["scene"]["resolved"], systems)
-    except InputError as error:
-        if error.where == "model.system":
-            raise InputError(str(path), error.found, error.accepted) from None
-        found = f"its scene cannot be read: {error}"
-        raise InputError(str(path), found, f"give {WANTED}") from None
-    except (KeyError, TypeError):
-        raise InputError(str(path), "damaged: it holds no scene", f"give {WANTED}") from None
 
 
 def _branch_of(folder: Path, record: Mapping[str, Any]) -> Branch:

@@ -22,11 +22,8 @@ from ..orbits.orbit import Orbit
 from ..orbits.problem import Linearisation, OrbitProblem, Summary
 from ..orbits.status import PHYSICAL, Verdict, count_unstable, reason_of
 from ..segments.kernels import Kernels
-from .branch import Branch, Entry, all_parameters, columns_of, coordinates, orbit_of
+from .branch import Branch, Entry, all_parameters, columns_of, coordinates, details_of, orbit_of
 from .diagram import Diagram
-
-DETAILS = ("flight", "wall", "impact", "touch_time", "requested")
-"""Details of an event that an entry keeps."""
 
 
 def entry_of(event: Event, identity: str, branch: str, before: Point, after: Point) -> Entry:
@@ -98,21 +95,6 @@ def event_of(entry: Entry, model: Model | None = None, kernels: Kernels | None =
     tangent = np.array(entry.tangent) if entry.tangent is not None else np.zeros(problem.n + 1)
     point = Point(orbit.linearisation, tangent, 0.0, entry.arclength, 0)
     return Event(entry.kind, point, entry.residual, entry.error, entry.method, details)
-
-
-def details_of(entry: Entry) -> dict[str, Any]:
-    """Return where on its orbit an entry's event happens, in the clock of its unknowns.
-
-    Raises InputError if the entry does not say.
-    """
-    kept = {name: getattr(entry, name) for name in DETAILS}
-    details = {name: value for name, value in kept.items() if value is not None}
-    if lacking := [name for name in kind_of(entry.kind).needed if name not in details]:
-        found = f"it has no {lacking[0]}"
-        raise InputError("entry", found, "give an entry as a catalogue records it")
-    if entry.word and entry.orbit_period is not None and "touch_time" in details:
-        details["touch_time"] -= entry.orbit_period
-    return details
 
 
 def pairs_of(multipliers: Array) -> list[tuple[float, float] | None]:

@@ -81,8 +81,7 @@ def test_the_branch_is_complete(proven):
 def test_certified_values_are_those_of_thirty_digits(diagram, proven):
     """Another arithmetic, and another method."""
     from contimpact.accuracy.reference import Reference
-    from contimpact.results.branch import orbit_of
-    from contimpact.results.entry_conversion import details_of
+    from contimpact.results.branch import details_of, orbit_of
 
     for entry, c in zip(diagram.entries, proven.entries, strict=True):
         orbit = orbit_of(entry)

@@ -14,7 +14,7 @@ import contimpact as ci
 from contimpact.accuracy.reference import Reference
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import solve_near
-from contimpact.results.entry_conversion import details_of
+from contimpact.results.branch import details_of
 from contimpact.segments.kernels import Kernels
 
 TOLERANCES = {"r": 0.01, "s": 0.005, "A": 0.1}

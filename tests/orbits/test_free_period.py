@@ -23,7 +23,7 @@ from contimpact.models.model import Formulas
 from contimpact.orbits import quiet
 from contimpact.orbits.quiet import problem_of
 from contimpact.orbits.search import orbit_at
-from contimpact.results.entry_conversion import details_of
+from contimpact.results.branch import details_of
 from contimpact.segments.kernels import Kernels
 from contimpact.systems.belt import Belt
 from contimpact.systems.duffing import Duffing
