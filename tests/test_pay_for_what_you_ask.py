@@ -84,7 +84,6 @@ OF_RESULTS = ("results.catalogue", "cli", "results.diagram_reading")
 
 RECORDS = (
     "results.branch",
-    "results.entry_conversion",
     "results.diagram",
     "results.diagram_reading",
     "results.curve",

@@ -61,6 +61,12 @@ def complain(message: object) -> None:
     say(f"contimpact: {message}", sys.stderr)
 
 
+def require_output(options: argparse.Namespace) -> None:
+    """Refuse an empty name of a folder."""
+    if not options.output:
+        raise InputError("-o", "empty", "give the path of a folder")
+
+
 EXAMPLES = {
     "check": "contimpact check branches/fig7/scene.toml",
     "new": "contimpact new impact-pair",

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import InputError
 from ..progress import Progress
 from ..results.diagram import Diagram
 from ..results.result_folder import Files, manifest_text, sealed_names
@@ -22,12 +21,6 @@ from . import ENDING
 if TYPE_CHECKING:
     from ..models.model import Model
     from ..results.catalogue import Motion
-
-
-def require_output(options: argparse.Namespace) -> None:
-    """Refuse an empty name of a folder."""
-    if not options.output:
-        raise InputError("-o", "empty", "give the path of a folder")
 
 
 class Interruption:

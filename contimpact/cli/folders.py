@@ -23,8 +23,8 @@ from ..results.result_folder import MANIFEST, WANTED, hold_folder, kept_still, r
 from ..results.scene import Scene, load_scene, read_scene, systems_of
 from ..segments.kernels import Kernels
 from ..storage import is_there, read_json, write_all
-from . import complain, say
-from .console import motions_in, require_output
+from . import complain, require_output, say
+from .console import motions_in
 
 if TYPE_CHECKING:
     from ..systems.membrane import Membrane

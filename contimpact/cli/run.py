@@ -24,14 +24,13 @@ from ..results.result_folder import Files, hold_folder, renew_folder
 from ..results.scene import Scene, folder_of, load_scene, require_own_folders, systems_of
 from ..segments.compiling import mode
 from ..storage import write_all
-from . import complain, say
+from . import complain, require_output, say
 from .console import (
     Interruption,
     add_page,
     defer_interruptions,
     draw_pictures,
     page_wanted,
-    require_output,
     write_manifest,
 )
 

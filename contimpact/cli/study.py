@@ -18,8 +18,7 @@ from ..studies.run import Tally, WorkersLostError, duration, run_study
 from ..studies.store import Store
 from ..studies.study import QUANTITIES, Map, Study, shortfall, studies
 from ..studies.study_file import load_study
-from . import complain, say
-from .console import require_output
+from . import complain, require_output, say
 
 FORMATS = ("png", "svg", "pdf")
 """Of maps."""

@@ -25,8 +25,7 @@ from ..orbits.quiet import problem_of
 from ..orbits.search import find_orbits, solve_near
 from ..progress import Asked
 from ..results.branch import Branch, Entry, columns_of, orbit_with
-from ..results.diagram import Diagram
-from ..results.entry_conversion import entry_of, pairs_of, tabulate
+from ..results.diagram import Diagram, entry_of, pairs_of, tabulate
 from ..results.options import CURVE_SETTINGS, SimulateOptions, tolerance_sizes
 from ..results.scene import Scene
 from ..segments.kernels import Kernels

@@ -49,7 +49,7 @@ from ..orbits.search import reduce_period, repeats
 from ..progress import Asked, chain_callbacks, counting_callback, progress_lines
 from ..results.branch import Entry, all_parameters, columns_of, model_of
 from ..results.curve import Codim2, Curve
-from ..results.entry_conversion import entry_first, impacts_of, to_orbit
+from ..results.diagram import entry_first, impacts_of, to_orbit
 from ..results.options import CURVE_SETTINGS
 from ..segments.kernels import Kernels
 from .curve_problem import (

@@ -39,8 +39,7 @@ from ..results.curve import (
     falling_column,
     regions,
 )
-from ..results.diagram import Diagram, Limits
-from ..results.entry_conversion import entry_of
+from ..results.diagram import Diagram, Limits, entry_of
 from ..results.options import CURVE_SETTINGS, CurveOptions
 from ..results.scene import Scene
 from ..segments.kernels import Kernels

@@ -35,7 +35,7 @@ from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
 from ..orbits.search import solve_near
 from ..results.branch import Branch, Entry, orbit_at
-from ..results.entry_conversion import to_orbit
+from ..results.diagram import to_orbit
 from ..results.options import MarginOptions, tolerance_sizes
 from ..segments.kernels import Kernels
 from .curve_problem import CurveProblem, slope_of

@@ -21,8 +21,7 @@ from ..orbits.problem import OrbitProblem
 from ..orbits.quiet import problem_in
 from ..progress import Asked, chain_callbacks, counting_callback, progress_lines
 from ..results.branch import Branch, Entry
-from ..results.diagram import Diagram
-from ..results.entry_conversion import entry_by_name, entry_first, event_of, to_orbit
+from ..results.diagram import Diagram, entry_by_name, entry_first, event_of, to_orbit
 from .orbit_walks import (
     Callback,
     check_range,

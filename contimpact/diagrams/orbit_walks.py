@@ -43,7 +43,7 @@ from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.quiet import FreeQuietProblem
 from ..orbits.search import mirror_orbit, reduce_period, repeats, rotate_to_word, solve_near
 from ..results.branch import Branch
-from ..results.entry_conversion import entry_of, tabulate
+from ..results.diagram import entry_of, tabulate
 from ..segments.compiling import note_uncompiled
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION

@@ -27,8 +27,7 @@ from ..bifurcations.kind import kind_of
 from ..display import draw_result
 from ..errors import InputError, explain_arguments, require_known, short_repr
 from ..results.branch import Branch, Entry
-from ..results.diagram import Diagram
-from ..results.entry_conversion import to_diagram
+from ..results.diagram import Diagram, to_diagram
 from ..results.quantities import NO_IMPACT, NO_WALL, Quantity, numbers_of
 from ..results.quantities import WALLS as COLOURS
 from ..storage import Content, write, write_all

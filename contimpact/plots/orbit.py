@@ -20,7 +20,7 @@ from ..orbits.orbit import Orbit
 from ..orbits.problem import positions
 from ..results.branch import Branch, Entry
 from ..results.curve import Curve
-from ..results.entry_conversion import entry_by_name, to_orbit
+from ..results.diagram import entry_by_name, to_orbit
 from ..simulation.attractor import Attractor
 from .attractors import INK_OF_PORTRAITS, OTHERS, wall_names
 from .curves import plot_curves

@@ -1,4 +1,4 @@
-"""A diagram: all branches and events of a scene, and the limits that its computation reached."""
+"""A diagram: branches and events of a scene, limits reached, and how entries are made of walks."""
 
 from __future__ import annotations
 
@@ -9,13 +9,32 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
+from ..arrays import Array
+from ..bifurcations.kind import kind_of
+from ..bifurcations.requested import PERIOD
+from ..continuation.branch import Event, Point, Points
 from ..display import NotebookResult, Summary, frame, limit_lines
 from ..errors import InputError, short_repr
-from .branch import Branch, Entry, event_by_kind, kinds_of
+from ..models.guards import state_before
+from ..models.model import Model
+from ..orbits.orbit import Orbit
+from ..orbits.problem import Linearisation, OrbitProblem
+from ..orbits.problem import Summary as PointSummary
+from ..orbits.status import PHYSICAL, Verdict, count_unstable, reason_of
+from ..segments.kernels import Kernels
+from .branch import (
+    Branch,
+    Entry,
+    all_parameters,
+    columns_of,
+    coordinates,
+    details_of,
+    event_by_kind,
+    kinds_of,
+    orbit_of,
+)
 
 if TYPE_CHECKING:
-    from ..models.model import Model
-    from ..orbits.orbit import Orbit
     from .curve import Area, Check, Coverage, Curve
     from .diagram_reading import Reading
 
@@ -263,3 +282,299 @@ def _curve_line(curve: Curve) -> str:
     low, high = curve[last].min(), curve[last].max()
     name = f"{curve.id:4} {curve.label} in {', '.join(others)}"
     return f"  {name}; {last} from {low:.6g} to {high:.6g}"
+
+
+# From points and events of a walk to entries and given orbits.
+#
+# An event is a ghost when the orbit that carries it is unstable, or unphysical, for a reason other
+# than the event itself: of its multipliers the critical one is left out, of its gaps the touch.
+
+
+def entry_of(event: Event, identity: str, branch: str, before: Point, after: Point) -> Entry:
+    """Return the catalogue entry of an event, given the branch's points around it."""
+    here: Linearisation = event.point.evaluation
+    kind, problem = kind_of(event.kind), here.problem
+    word, details = problem.word, event.details
+    letters = problem.model.letters
+    becomes = kind.next_word(event)
+    added = 0 if becomes is None else len(becomes) - len(word)
+    multipliers, n_unstable = kind.multipliers(here, details)
+    beside = before.evaluation, after.evaluation
+    verdict = kind.verdict_on_branch(here, details, beside)
+    ghost = n_unstable > 0 or not verdict.physical
+    side, slope = kind.criticality(event, before, after)
+    return Entry(
+        id=identity,
+        kind=event.kind,
+        ghost=ghost,
+        label=kind.label(ghost, word, becomes, letters),
+        why=_ghost_reason(n_unstable, verdict),
+        branch=branch,
+        word=word.walls,
+        period=word.period,
+        notation=word.notation(letters),
+        becomes=None if becomes is None else str(becomes),
+        order=added if added > 0 else None,
+        criticality=side,
+        slope=slope,
+        wall=details.get("wall"),
+        flight=details.get("flight"),
+        impact=details.get("impact"),
+        touch_time=_shift_time(problem, here.unknowns, details.get("touch_time")),
+        requested=details.get("requested"),
+        parameter=problem.parameter,
+        parameters=all_parameters(here),
+        impacts=impacts_of(problem, here.unknowns),
+        multipliers=pairs_of(multipliers),
+        multipliers_before=pairs_of(before.evaluation.multipliers),
+        multipliers_after=pairs_of(after.evaluation.multipliers),
+        n_unstable=n_unstable,
+        stable=n_unstable == 0,
+        physical=verdict.physical,
+        reason=verdict.reason,
+        residual=event.residual,
+        error=event.error,
+        method=event.method,
+        arclength=event.point.arclength,
+        tangent=event.point.tangent.tolist() if kind.crossing else None,
+        system=problem.model.SYSTEM,
+        options=problem.model.options,
+        nu=details.get("nu"),
+        nu_error=details.get("nu_error"),
+        orbit_period=here.span if problem.autonomous else None,
+        state=None if word.walls else here.unknowns[: problem.m].tolist(),
+        sliding=kind.sliding(event),
+        scenario=None if ghost else kind.scenario(event),
+    )
+
+
+def event_of(entry: Entry, model: Model | None = None, kernels: Kernels | None = None) -> Event:
+    """Return the event a catalogue entry records, to switch at it; see `branch.orbit_of`.
+
+    Raises InputError if the entry is damaged, or of another model.
+    """
+    orbit = orbit_of(entry, model, kernels)
+    problem = orbit.problem
+    details = details_of(entry)
+    tangent = np.array(entry.tangent) if entry.tangent is not None else np.zeros(problem.n + 1)
+    point = Point(orbit.linearisation, tangent, 0.0, entry.arclength, 0)
+    return Event(entry.kind, point, entry.residual, entry.error, entry.method, details)
+
+
+def pairs_of(multipliers: Array) -> list[tuple[float, float] | None]:
+    """Return multipliers as an entry records them."""
+    return [(m.real, m.imag) if np.isfinite(m) else None for m in multipliers.tolist()]
+
+
+def _ghost_reason(n_unstable: int, verdict: Verdict) -> str | None:
+    """Why an event is a ghost, or None."""
+    reasons = []
+    if n_unstable:
+        reasons.append(f"unstable: {n_unstable} multiplier{'s' * (n_unstable > 1)} outside")
+    if verdict.reason:
+        reasons.append(f"unphysical: {verdict.reason}")
+    return "; ".join(reasons) or None
+
+
+def impacts_of(problem: OrbitProblem, unknowns: Array) -> list[dict[str, Any]]:
+    """Return the impacts as records, the first one's time in [0, T), see `EARLY`."""
+    names = ["time", "velocity", *coordinates(problem.m)[2:]]
+    rows = problem.impacts(unknowns).tolist()
+    for row in rows:
+        row[0] = _shift_time(problem, unknowns, row[0])
+    return [
+        {"wall": wall} | dict(zip(names, row, strict=True)) | states
+        for wall, row, states in zip(
+            problem.word.walls, rows, _states(problem, unknowns), strict=True
+        )
+    ]
+
+
+def _states(problem: OrbitProblem, unknowns: Array) -> list[dict[str, list[float]]]:
+    """All positions and velocities before each impact, where there are several."""
+    size = problem.model.DEGREES_OF_FREEDOM
+    if size == 1:
+        return [{}] * len(problem.word)
+    setup = problem.kernels.setup(*problem.values(unknowns))
+    guards = {
+        g.name: (g.row(size), x) for g, x in zip(problem.model.WALLS, setup.walls, strict=True)
+    }
+    rows = problem.impacts(unknowns)[:, 1:].tolist()
+    return [
+        dict(zip(("positions", "velocities"), state_before(*guards[wall], row), strict=True))
+        for wall, row in zip(problem.word.walls, rows, strict=True)
+    ]
+
+
+EARLY = 1e-12
+"""Part of the period by which the first impact may come before 0: rounding does not decide whether
+an impact at the forcing's phase 0 is recorded at 0 or at T."""
+
+
+def _shift_time(problem: OrbitProblem, unknowns: Array, time: Any) -> Any:
+    """A time in the clock in which the first impact comes in [0, T), see `EARLY`."""
+    if time is None:
+        return None
+    period = problem.period(unknowns)
+    first, _ = problem.times_around(unknowns, 0)
+    return time - float(np.floor(first / period + EARLY)) * period
+
+
+# What a user gave to be followed, as an orbit.
+
+FOLLOWED = (
+    "give an orbit of find_orbits, an entry, branch.orbit(row), or diagram.orbit('e5') by its name"
+)
+
+
+def to_diagram(given: object) -> Diagram:
+    """Return the diagram meant by a diagram, a branch, or several branches.
+
+    Raises InputError for anything else.
+    """
+    if isinstance(given, Diagram):
+        return given
+    branches = [given] if isinstance(given, Branch) else given
+    if isinstance(branches, list | tuple) and all(isinstance(one, Branch) for one in branches):
+        return Diagram(", ".join(dict.fromkeys(one.notation for one in branches)), branches)
+    raise InputError(
+        "diagram", _found_text(given), "give a diagram, a branch, or a list of branches"
+    )
+
+
+def entry_by_name(given: object) -> object:
+    """Return the entry that a pair (branch or diagram, name) means, and anything else as it is."""
+    if not (isinstance(given, tuple) and len(given) == 2 and isinstance(given[1], str)):
+        return given
+    holder, name = given
+    return holder.entry(name) if isinstance(holder, Branch | Diagram) else given
+
+
+def to_orbit(given: object, model: Model | None = None) -> Orbit:
+    """Return the orbit meant by an orbit, an entry, an event, a point, or a pair (branch, row).
+
+    Raises InputError for anything else, or where the record and the model do not fit.
+    """
+    if isinstance(given, Orbit):
+        return given
+    if isinstance(given, Entry):
+        return given.orbit(model)
+    if isinstance(given, tuple) and len(given) == 2 and isinstance(given[0], Branch):
+        return given[0].orbit(given[1], model)
+    point = given.point if isinstance(given, Event) else given
+    here = point.evaluation if isinstance(point, Point) else None
+    if isinstance(here, Linearisation):
+        return Orbit(here.problem, here)
+    raise InputError("orbit", _found_text(given), FOLLOWED)
+
+
+def _found_text(given: object) -> str:
+    """What was given in the place of an orbit, in words."""
+    if isinstance(given, Branch):
+        return f"found the branch {given.id}, which has {len(given)} orbits"
+    if isinstance(given, Diagram):
+        return f"found the diagram {given.name}"
+    if isinstance(given, list | tuple) and any(isinstance(item, Orbit) for item in given):
+        return f"found a list of {len(given)}, not one of its orbits"
+    return f"found {short_repr(given)}"
+
+
+def entry_first(entry: Any, model: Any) -> tuple[Any, Any]:
+    """Return an entry and its model, which may have been given the other way round."""
+    return (model, entry) if isinstance(entry, Model) else (entry, model)
+
+
+# From the points of a branch and its entries to the columns of its table.
+
+
+def tabulate(
+    points: Points, entries: Sequence[tuple[Point, Entry]], borrowed: Sequence[float] = ()
+) -> dict[str, Array]:
+    """Return the columns of a branch: a row per point, and one for each event between points.
+
+    `entries` are in order of arclength. The rows of events, or of the points they lie on, have the
+    verdicts of the first entry there, which leave the event itself out. `borrowed` has the
+    arclengths of points at which rounding would decide: their rows have the verdicts of the next
+    one, the last of the one before.
+    """
+    places = points.arclengths
+    between: list[Point] = []
+    on_events = np.nonzero(np.isin(places, [point.arclength for point, _ in entries]))[0]
+    rows = dict(zip(places[on_events].tolist(), on_events.tolist(), strict=True))
+    marked: dict[int, Entry] = {}
+    for point, entry in entries:
+        if point.arclength not in rows:
+            rows[point.arclength] = len(points) + len(between)
+            between.append(point)
+        marked.setdefault(rows[point.arclength], entry)
+    columns = _columns(Points([*points.pieces, *between]))
+    columns["event"] = np.full(len(columns["arclength"]), "", dtype=object)
+    for row, entry in marked.items():
+        columns["n_unstable"][row] = entry.n_unstable
+        columns["physical"][row] = int(entry.physical)
+        columns["reason"][row] = entry.reason or ""
+        columns["event"][row] = entry.id
+        if entry.impact in points[0].evaluation.problem.excursions and entry.flight is None:
+            _set_multipliers(columns, row, entry)
+    order = np.argsort(columns["arclength"], kind="stable")
+    for name in columns:  # one after the other: a long branch is not held twice
+        columns[name] = columns[name][order]
+    rounding = np.isin(columns["arclength"], borrowed) & (columns["event"] == "")
+    for place in np.nonzero(rounding)[0].tolist():
+        beside = place + 1 if place + 1 < len(order) else place - 1
+        for name in ("n_unstable", "physical", "reason"):
+            columns[name][place] = columns[name][beside]
+    return columns
+
+
+def _set_multipliers(columns: dict[str, Array], row: int, entry: Entry) -> None:
+    """Those of the orbit without the excursion that vanishes: with it they have no digits there."""
+    for k, pair in enumerate(entry.multipliers, start=1):
+        columns[f"multiplier{k}_re"][row], columns[f"multiplier{k}_im"][row] = pair or (np.inf, 0.0)
+
+
+def _columns(points: Points) -> dict[str, Array]:
+    """A row per point, in the points' order."""
+    problem = points[0].evaluation.problem
+    unknowns = points.unknowns
+    columns = {"arclength": points.arclengths, **_parameters(problem, unknowns[:, -1])}
+    for name, column in zip(columns_of(problem.word.walls, problem.m), unknowns.T, strict=False):
+        columns[name] = column.copy()
+    if problem.autonomous:
+        columns |= _clock_columns(problem, columns, unknowns)
+    summary = PointSummary.of(points.numbers)
+    factors, findings = summary.multipliers, summary.findings
+    for k, factor in enumerate(factors.T, start=1):
+        columns |= {f"multiplier{k}_re": factor.real, f"multiplier{k}_im": factor.imag}
+    columns["n_unstable"] = count_unstable(factors)
+    physical = findings[:, 0] == PHYSICAL
+    columns["physical"] = physical.astype(np.int64)
+    word, named = problem.word.walls, problem.model.WALLS
+    reasons = columns["reason"] = np.full(len(findings), "", dtype=object)
+    for row in np.nonzero(~physical)[0]:
+        reasons[row] = reason_of(findings[row].tolist(), word, named) or ""
+    columns["smallest_gap"] = findings[:, -1].copy()
+    columns["residual"] = summary.largest_residual.copy()
+    columns["iterations"] = points.iterations
+    return columns
+
+
+def _clock_columns(
+    problem: OrbitProblem, columns: Mapping[str, Array], unknowns: Array
+) -> dict[str, Array]:
+    """The columns of free periods, and of times since the first passage."""
+    if not problem.word.walls:
+        return {"v0_0": np.zeros(len(unknowns)), PERIOD: columns["v0_0"]}
+    times = [f"t{k}" for k in range(1, len(problem.word) + 1)]
+    moved = {name: columns[name] - columns["t1"] for name in times}
+    return {**moved, PERIOD: -columns["t1"]}
+
+
+def _parameters(problem: OrbitProblem, free: Array) -> dict[str, Array]:
+    """The columns of the parameters and derived parameters, given the followed one's."""
+    values = {name: np.full(len(free), value) for name, value in problem.model.values.items()}
+    values[problem.parameter] = free.copy()
+    derived = np.empty((len(problem.model.DERIVED), len(free)))
+    for row in range(len(free)):
+        derived[:, row] = problem.derived_at(problem.values(free[row : row + 1]))
+    return values | dict(zip(problem.model.DERIVED, derived, strict=True))

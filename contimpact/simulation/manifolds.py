@@ -30,7 +30,7 @@ from ..display import NotebookResult, Summary
 from ..errors import InputError, explain_arguments
 from ..orbits.orbit import Orbit
 from ..results.branch import Entry
-from ..results.entry_conversion import to_orbit
+from ..results.diagram import to_orbit
 from ..segments.flight import chebyshev_zeros, first_arrival, rounding_along
 from ..segments.layout import Family
 from ..segments.segment import ARRAYS, evaluate_in

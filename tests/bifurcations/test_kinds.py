@@ -22,8 +22,7 @@ from contimpact.bifurcations.declarations import (
     kinds_in,
 )
 from contimpact.bifurcations.kind import Kind, kind_of
-from contimpact.results.diagram import Diagram
-from contimpact.results.entry_conversion import event_of
+from contimpact.results.diagram import Diagram, event_of
 
 
 @pytest.mark.parametrize("declared", DECLARED, ids=lambda declared: declared.name)

@@ -9,7 +9,7 @@ from zoo import ROOT
 
 from contimpact.accuracy.reference import Reference
 from contimpact.diagrams.explore import follow
-from contimpact.results.entry_conversion import event_of
+from contimpact.results.diagram import event_of
 from contimpact.results.scene import load_scene
 from contimpact.segments.kernels import Kernels
 

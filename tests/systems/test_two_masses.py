@@ -17,7 +17,7 @@ from contimpact.continuation.settings import Settings
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.diagrams.orbit_walks import walk_both_ways
 from contimpact.orbits.search import find_orbits
-from contimpact.results.entry_conversion import impacts_of
+from contimpact.results.diagram import impacts_of
 from contimpact.segments.bounded import many_digits
 from contimpact.segments.layout import flat
 from contimpact.segments.segment import evaluate_in
