@@ -13,12 +13,11 @@ from typing import Any
 
 from ..bifurcations.declarations import EVENTS
 from ..diagrams import explore
-from ..diagrams.explore import INTERRUPTED
 from ..errors import InputError, NotWrittenError
 from ..progress import Progress, telling
 from ..results.branch import Branch
 from ..results.catalogue import diagram_files
-from ..results.diagram import Diagram
+from ..results.diagram import INTERRUPTED, Diagram
 from ..results.diagram_reading import read
 from ..results.result_folder import Files, hold_folder, renew_folder
 from ..results.scene import Scene, folder_of, load_scene, require_own_folders, systems_of

@@ -87,7 +87,7 @@ def design(options: argparse.Namespace) -> int:
     """Look for the orbit of which an output is largest, at a margin from its events; returns the
     exit status."""
     from ..diagrams.design import design as find_design
-    from ..diagrams.explore import INTERRUPTED
+    from ..results.diagram import INTERRUPTED
 
     scene = load_scene(options.scene, systems_of(options.system))
     if options.output and Path(options.output).suffix != ".csv":

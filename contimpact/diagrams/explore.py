@@ -31,7 +31,7 @@ from ..orbits.quiet import problem_of
 from ..orbits.search import SAME_ORBIT, Search, mirror_orbit, reduce_period
 from ..progress import Asked, Progress, RememberedProgress, progress_lines, walk_progress
 from ..results.branch import Branch, Entry
-from ..results.diagram import Diagram, Limits
+from ..results.diagram import ENDING, INTERRUPTED, Diagram, Limits, failure_of
 from ..results.quantities import fill_outputs, output_columns
 from ..results.scene import Scene, load_scene, read_scene
 from ..segments.kernels import Kernels
@@ -105,17 +105,6 @@ def add_openings(
 
 STAGES = ("kernels", "search", "walk", "events", "switching", "tables")
 NOT_SWITCHED = "events not switched at"
-INTERRUPTED = "interrupted"
-"""Reason of a computation that the keyboard ended early."""
-ENDING = KeyboardInterrupt, ArithmeticError, np.linalg.LinAlgError
-"""What ends a computation early; what was computed until then is kept."""
-
-
-def failure_of(error: BaseException) -> str:
-    """Return what is said of a computation that one of `ENDING` has ended."""
-    if isinstance(error, KeyboardInterrupt):
-        return INTERRUPTED
-    return f"the computation failed ({type(error).__name__}: {error})"
 
 
 @explain_arguments

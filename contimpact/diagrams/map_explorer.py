@@ -39,7 +39,7 @@ from ..results.curve import (
     falling_column,
     regions,
 )
-from ..results.diagram import Diagram, Limits, entry_of
+from ..results.diagram import ENDING, Diagram, Limits, entry_of, failure_of
 from ..results.options import CURVE_SETTINGS, CurveOptions
 from ..results.scene import Scene
 from ..segments.kernels import Kernels
@@ -427,10 +427,8 @@ class _CurveExplorer:
                 self.notes.append(self.uncovered())
             if options.third:
                 self.follow_points(*options.third)
-        except KeyboardInterrupt:
-            failure = "interrupted"
-        except (ArithmeticError, np.linalg.LinAlgError) as error:
-            failure = f"the computation failed ({type(error).__name__}: {error})"
+        except ENDING as error:
+            failure = failure_of(error)
         statistics = dict(self.diagram.statistics)
         seconds = statistics.get("seconds", {})
         statistics["seconds"] = seconds | {"curves": time.perf_counter() - began}
@@ -773,10 +771,8 @@ def add_areas(scene: Scene, diagram: Diagram, progress: Progress | None = None) 
             found, told = divider.divided(names)
             areas += found
             notes += told
-    except KeyboardInterrupt:
-        failure = "interrupted"
-    except (ArithmeticError, np.linalg.LinAlgError) as error:
-        failure = f"the computation failed ({type(error).__name__}: {error})"
+    except ENDING as error:
+        failure = failure_of(error)
     statistics = dict(diagram.statistics)
     statistics["seconds"] = statistics["seconds"] | {"areas": time.perf_counter() - began}
     statistics["notes"] = [*statistics["notes"], *notes]

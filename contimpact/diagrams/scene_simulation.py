@@ -175,7 +175,8 @@ class _Director:
 
     def branches(self) -> None:
         if self.options.branches:
-            from .explore import INTERRUPTED, follow
+            from ..results.diagram import INTERRUPTED
+            from .explore import follow
 
             diagram = follow(replace(self.scene, crises=False), self.progress)
             self.result.diagram = diagram

@@ -284,6 +284,21 @@ def _curve_line(curve: Curve) -> str:
     return f"  {name}; {last} from {low:.6g} to {high:.6g}"
 
 
+# What ends a computation early.
+
+INTERRUPTED = "interrupted"
+"""Reason of a computation that the keyboard ended early."""
+ENDING = KeyboardInterrupt, ArithmeticError, np.linalg.LinAlgError
+"""What ends a computation early; what was computed until then is kept."""
+
+
+def failure_of(error: BaseException) -> str:
+    """Return what is said of a computation that one of `ENDING` has ended."""
+    if isinstance(error, KeyboardInterrupt):
+        return INTERRUPTED
+    return f"the computation failed ({type(error).__name__}: {error})"
+
+
 # From points and events of a walk to entries and given orbits.
 #
 # An event is a ghost when the orbit that carries it is unstable, or unphysical, for a reason other

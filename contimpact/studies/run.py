@@ -34,11 +34,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import __version__
-from ..diagrams.explore import INTERRUPTED, follow
+from ..diagrams.explore import follow
 from ..errors import InputError, explain_arguments
 from ..progress import Progress, ignore_progress
 from ..results.branch import Branch, Entry
-from ..results.diagram import Diagram
+from ..results.diagram import INTERRUPTED, Diagram
 from ..results.diagram_reading import Interval, Reading, read
 from ..results.scene import read_scene
 from ..segments.compiling import expect_plain_time
