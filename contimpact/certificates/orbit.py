@@ -418,8 +418,8 @@ class Orbit:
     def _clear(self) -> Claim:
         """Whether all flights keep clear of all walls."""
         for k in range(max(1, len(self.space.problem.word))):
-            met = () if self._vanishing(k) else walls_met(self.space, k)
-            for wall in met:
+            near = [] if self._vanishing(k) else coordinates_of(self.space, k)
+            for wall in (one.guard for coordinate in near for one in coordinate.met):
                 touch = self.details["touch_time"] if self._own(k, wall.name) else None
                 beside = self._beside(k, wall.name)
                 found = Gap(self.space, self.z, k, wall.name, touch, beside).proven()
@@ -564,34 +564,24 @@ def coordinates_of(space: BallProblem, flight: int) -> list[Coordinate]:
             for i, g in enumerate(problem.model.WALLS)
             if mode in g.modes and not g.past
         ]
-    ends = letters.index(word[flight]), letters.index(word[(flight + 1) % len(word)])
+    left, reached = letters.index(word[flight]), letters.index(word[(flight + 1) % len(word)])
+    walls, passages = problem.model.WALLS, problem.kernels.passages
+    arrivals, watched = passages.arrivals[left], passages.watched[left]
     found = []
     for numbers in coordinates(problem.model).values():
         met = [
-            _reachable_guard(problem, i, *ends) for i in numbers if _can_meet(problem, ends[0], i)
+            ReachableGuard(
+                walls[i], i, arrivals[i] != ELSEWHERE, same_surface(walls[i], walls[reached])
+            )
+            for i in numbers
+            if watched[i] and not walls[i].past
         ]
         if not met:
             continue
-        own = ends[0] in numbers
+        own = left in numbers
         other = None if own else letters[numbers[0]]
-        found.append(Coordinate(met, ends[0] if own else None, space.motion(word[flight], other)))
+        found.append(Coordinate(met, left if own else None, space.motion(word[flight], other)))
     return found
-
-
-def walls_met(space: BallProblem, flight: int) -> list[Guard]:
-    """Return the guards that a flight can meet."""
-    return [one.guard for coordinate in coordinates_of(space, flight) for one in coordinate.met]
-
-
-def _can_meet(problem: OrbitProblem, left: int, guard: int) -> bool:
-    through = problem.model.WALLS[guard].past
-    return problem.kernels.passages.watched[left][guard] and not through
-
-
-def _reachable_guard(problem: OrbitProblem, guard: int, left: int, reached: int) -> ReachableGuard:
-    walls = problem.model.WALLS
-    own = problem.kernels.passages.arrivals[left][guard] != ELSEWHERE
-    return ReachableGuard(walls[guard], guard, own, same_surface(walls[guard], walls[reached]))
 
 
 DEEPEST_CUT = 40

@@ -377,6 +377,8 @@ def manifest_text(
     for name in ("numpy", "scipy", "sympy", "matplotlib"):
         if name in sys.modules:
             versions[name] = sys.modules[name].__version__
+    own = [name for name in sys.modules if name.split(".")[0] == "contimpact"]
+    libraries = ("numpy", "scipy", "sympy", "mpmath", "matplotlib", "llvmlite")
     return json_text(
         {
             "schema": MANIFEST,
@@ -384,16 +386,9 @@ def manifest_text(
             "scene": {"given": given, "resolved": scene},
             **statistics,
             "compiled": {"mode": mode(), "programs": count_loaded(), "plainly": ran_plainly()},
-            "modules": _modules(),
+            "modules": sorted(own) + [name for name in libraries if name in sys.modules],
             "left_out": list(left_out),
             "files": sorted(set(files)),
             "sha256": dict(digests),
         }
     )
-
-
-def _modules() -> list[str]:
-    """The package's modules that were imported, and the libraries among its dependencies."""
-    own = [name for name in sys.modules if name.split(".")[0] == "contimpact"]
-    libraries = ("numpy", "scipy", "sympy", "mpmath", "matplotlib", "llvmlite")
-    return sorted(own) + [name for name in libraries if name in sys.modules]

@@ -250,7 +250,9 @@ def _zeros_of_interpolant(function: Callable[[Array], Array], length: float) -> 
         *values, first, last = np.broadcast_to(function(nodes), nodes.shape)
         coefficients = chebyshev_coefficients(np.array(values))
         size = float(np.max(np.abs(coefficients)))
-        off = max(abs(_value_at_start(coefficients) - first), abs(np.sum(coefficients) - last))
+        # the interpolant where Chebyshev polynomials are 1 and -1 in turn
+        begin = float(np.sum(coefficients[::2]) - np.sum(coefficients[1::2]))
+        off = max(abs(begin - first), abs(np.sum(coefficients) - last))
         if size == off == 0.0:
             return []
         tail = float(np.max(np.abs(coefficients[-3:]))) / size if size else math.inf
@@ -266,11 +268,6 @@ def _zeros_of_interpolant(function: Callable[[Array], Array], length: float) -> 
             return None
         before = tail
     return None
-
-
-def _value_at_start(coefficients: Array) -> float:
-    """The interpolant where Chebyshev polynomials are 1 and -1 in turn."""
-    return float(np.sum(coefficients[::2]) - np.sum(coefficients[1::2]))
 
 
 def _mesh_zeros(function: Callable[[Array], Array], length: float) -> list[float]:

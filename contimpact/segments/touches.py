@@ -21,7 +21,7 @@ from .flight import FlightGaps, Touch, breaks_of, flight_gaps, smallest_gap, tou
 from .kernels import Kernels
 from .oscillation import SMALLEST, Excursion, Motion, excursions, gap_at_rest, speed_at_end
 from .segment import ELSEWHERE, Kernel
-from .track import track_between, track_of
+from .track import IntegratedTrack, Track, track_between, track_of
 
 # Whether the motion after a guard begins within the guards of its mode.
 #
@@ -154,14 +154,15 @@ def interior_touches(
         length = arrive[0] - leave[0]
         if length > 0.0:
             ends = places[wall], places[walls[(k + 1) % len(walls)]]
+            letters = wall, walls[(k + 1) % len(walls)]
             if kernels.integrated(wall):
-                letters = wall, walls[(k + 1) % len(walls)]
-                track = track_between(kernels, letters, leave, arrive, values, length)
-                curves = [track.along(row) for row in coordinates(kernels.model)]
-                motions: list[Seen] = [(curve, curve.breaks()) for curve in curves]
+                flight = track_between(kernels, letters, leave, arrive, values, length)
+                motions = motions_along(flight, kernels.model)
+            elif kernels.linear(wall):
+                law = kernels.law(wall)(*leave, *values)
+                motions = motions_along(track_of(law, length), kernels.model)
             else:
-                other = linear_flight if kernels.linear(wall) else other_flight
-                motions = other(kernels, wall, leave, length, values)
+                motions = motions_by_kernels(kernels, wall, leave, length, values)
             flown.append(Flight(k, ends, leave[0], length, arrive[1], motions))
             touches, slowest = _touches(kernels, flown[-1], positions, span)
             guard = kernels.model.WALLS[ends[0]]
@@ -214,16 +215,13 @@ class Flight(NamedTuple):
     motions: Sequence[Seen]
 
 
-def linear_flight(
-    kernels: Kernels, wall: str, leave: Sequence[float], length: float, values: Sequence[float]
-) -> list[Seen]:
-    """Return each of the `coordinates` on a linear flight."""
-    track = track_of(kernels.law(wall)(*leave, *values), length)
-    curves = [track.along(row) for row in coordinates(kernels.model)]
+def motions_along(track: Track | IntegratedTrack, model: Model) -> list[Seen]:
+    """Return each of the `coordinates` on a flight of which there is a track."""
+    curves = [track.along(row) for row in coordinates(model)]
     return [(curve, curve.breaks()) for curve in curves]
 
 
-def other_flight(
+def motions_by_kernels(
     kernels: Kernels, wall: str, leave: Sequence[float], length: float, values: Sequence[float]
 ) -> list[Seen]:
     """Return each of the `coordinates` on a flight by its kernels."""
