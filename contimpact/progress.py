@@ -49,16 +49,19 @@ def progress_lines(progress: Asked, name: str) -> Iterator[Progress]:
         yield progress or ignore_progress
 
 
-def chain_callbacks(
-    one: Callable[[Any], Any] | None, tell: Callable[[Any], None]
-) -> Callable[[Any], Any]:
-    """Return a callback that tells, and then does what the caller's does."""
+@contextlib.contextmanager
+def progress_callback(
+    progress: Asked, what: str, parameter: str, callback: Callable[[Any], Any] | None
+) -> Iterator[Callable[[Any], Any] | None]:
+    """Yield the callback of a walk, which first tells how far it is if that was asked for."""
+    with progress_lines(progress, what) as tell:
+        count = counting_callback("", parameter, tell)
 
-    def callback(point: Any) -> Any:
-        tell(point)
-        return one(point) if one else None
+        def told(point: Any) -> Any:
+            count(point)
+            return callback(point) if callback else None
 
-    return callback
+        yield told if progress else callback
 
 
 def tell_each(branches: Sequence[Named], what: str, progress: Progress) -> Iterator[Named]:
@@ -77,23 +80,16 @@ def walk_progress(what: str, parameter: str, progress: Progress) -> Callable[[in
         nonlocal count
         count += points
         if count % EVERY < points:
-            progress(f"{what}: {count} points, {parameter} = {value:.6g}")
+            where = f"{count} points, {parameter} = {value:.6g}"
+            progress(f"{what}: {where}" if what else where)
 
     return tell
 
 
 def counting_callback(what: str, parameter: str, progress: Progress) -> Callable[[Any], None]:
     """Return a callback of a walk that tells how many points there are, and where it is."""
-    count = 0
-
-    def callback(point: Any) -> None:
-        nonlocal count
-        count += 1
-        if count % EVERY == 0:
-            where = f"{count} points, {parameter} = {point.parameter:.6g}"
-            progress(f"{what}: {where}" if what else where)
-
-    return callback
+    tell = walk_progress(what, parameter, progress)
+    return lambda point: tell(1, point.parameter)
 
 
 # Progress on standard error: what is being done, for how long, and that it has not ended.

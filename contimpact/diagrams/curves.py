@@ -46,7 +46,7 @@ from ..orbits.orbit import Orbit
 from ..orbits.problem import Linearisation, OrbitProblem, rounding
 from ..orbits.quiet import problem_of
 from ..orbits.search import reduce_period, repeats
-from ..progress import Asked, chain_callbacks, counting_callback, progress_lines
+from ..progress import Asked, progress_callback
 from ..results.branch import Entry, all_parameters, columns_of, model_of
 from ..results.curve import Codim2, Curve
 from ..results.diagram import entry_first, impacts_of, to_orbit
@@ -356,10 +356,8 @@ def follow_curve(
     problem, start = curve_problem(model, entry, kernels, first_range[1] - first_range[0])
     special = problem.kind.codimension_two(problem.orbit.word) if detect else []
     ranges, label = [first_range, second_range], entry.label.removeprefix("~")
-    with progress_lines(progress, f"following {name}, {entry.label}") as tell:
-        told = (
-            chain_callbacks(callback, counting_callback("", second, tell)) if progress else callback
-        )
+    what = f"following {name}, {entry.label}"
+    with progress_callback(progress, what, second, callback) as told:
         found = walk_curve(problem, start, ranges, special, values, settings, told)
     if isinstance(found, End):
         accepted = "give another entry of the curve"

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,7 @@ from ..models.model import Model
 from ..orbits.orbit import Orbit
 from ..orbits.problem import OrbitProblem
 from ..orbits.quiet import problem_in
-from ..progress import Asked, chain_callbacks, counting_callback, progress_lines
+from ..progress import Asked, progress_callback
 from ..results.branch import Branch, Entry
 from ..results.diagram import Diagram, entry_by_name, entry_first, event_of, to_orbit
 from .orbit_walks import (
@@ -104,28 +103,14 @@ def continue_orbit(
         unknowns = orbit_beside(problem, unknowns, np.array(given.tangent), limits, settings)
     if unphysical is None:
         unphysical = problem.model.few_guards or not orbit.physical
-    with progress_callback(
-        progress, f"following {name}, {problem.word}", problem, callback
-    ) as told:
+    what = f"following {name}, {problem.word}"
+    with progress_callback(progress, what, problem.parameter, callback) as told:
         run = walk_both_ways(problem, unknowns, limits, tests, settings, told, stop, unphysical)
     return retry_interrupted(lambda: run.branch(name, kinds=[test.kind for test in tests]))
 
 
 def _numerics(given: Settings | Mapping[str, Any] | None) -> Settings:
     return given if isinstance(given, Settings) else Settings(**(given or {}))
-
-
-@contextlib.contextmanager
-def progress_callback(
-    progress: Asked, what: str, problem: OrbitProblem, callback: Callback | None
-) -> Iterator[Callback | None]:
-    """Yield the callback of a walk, which tells how far it is if that was asked for."""
-    with progress_lines(progress, what) as tell:
-        yield (
-            chain_callbacks(callback, counting_callback("", problem.parameter, tell))
-            if progress
-            else callback
-        )
 
 
 def tests_of_events(
@@ -224,9 +209,8 @@ def continue_born(
     tests = tests_of_events(problem, events, values)
     place = {"entry": entry.id, "parent": entry.branch}
     born = End.of(EndKind.BORN, entry.parameter, entry.value, **place)
-    with progress_callback(
-        progress, f"following {name}, {problem.word}", problem, callback
-    ) as told:
+    what = f"following {name}, {problem.word}"
+    with progress_callback(progress, what, problem.parameter, callback) as told:
         stop, settings = symmetric_end(problem), _numerics(settings)
         if unphysical is None:
             unphysical = problem.model.few_guards or not entry.physical
