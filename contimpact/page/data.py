@@ -36,7 +36,6 @@ from ..results.curve import (
     lanes,
     panel_areas,
     panels,
-    parameters_of,
     regions,
 )
 from ..results.diagram import Diagram
@@ -698,7 +697,7 @@ def _key(key: Key, keys: Sequence[Key]) -> dict[str, Any]:
 
 
 def _curve(curve: Curve) -> dict[str, Any]:
-    names = [name for name in parameters_of(curve) if np.ptp(curve[name]) > 0.0]
+    names = [name for name in curve.parameter_columns if np.ptp(curve[name]) > 0.0]
     record = {name: getattr(curve, name) for name in ("id", "kind", "label", "word", "notation")}
     return record | {
         "parameters": list(curve.parameters),

@@ -41,7 +41,6 @@ from ..results.curve import (
     lanes,
     panel_areas,
     panels,
-    parameters_of,
     regions,
 )
 from ..results.diagram import Diagram
@@ -286,14 +285,14 @@ def _column(curves: Sequence[Curve], along: str | None) -> str:
     if along is None:
         return falling_column(curves)
     found = f"curve {curves[0].id} has no parameter {short_repr(along)}"
-    require_known(along, parameters_of(curves[0]), "along", found)
+    require_known(along, curves[0].parameter_columns, "along", found)
     return along
 
 
 def fixed_values(curves: Sequence[Curve]) -> dict[str, float]:
     """Parameters that are the same on all curves."""
     found = {}
-    for name in parameters_of(curves[0]):
+    for name in curves[0].parameter_columns:
         values = {value for c in curves for value in (c[name].min(), c[name].max())}
         if len(values) == 1:
             found[name] = float(values.pop())

@@ -79,6 +79,12 @@ class Columns(NotebookResult):
         """The same as `id`."""
         return self.id
 
+    @property
+    def parameter_columns(self) -> list[str]:
+        """Names of all parameters that have a column, derived ones included."""
+        names = list(self.columns)
+        return names[names.index("arclength") + 1 : first_unknown(names)]
+
     def __len__(self) -> int:
         return len(self.columns["arclength"])
 
@@ -679,8 +685,7 @@ class Branch(Columns):
     @property
     def parameters(self) -> list[str]:
         """Names of the parameters, derived ones included."""
-        names = list(self.columns)
-        return names[names.index("arclength") + 1 : first_unknown(names)]
+        return self.parameter_columns
 
     @property
     def constant(self) -> list[str]:

@@ -16,7 +16,7 @@ from ..bifurcations.kind import kind_of
 from ..continuation.branch import End
 from ..display import Summary, limit_lines
 from ..schema import attribute, documented
-from .branch import Columns, first_unknown
+from .branch import Columns
 
 # Areas of two parameters in which the same stable orbits end in the same way.
 
@@ -428,7 +428,7 @@ def falling_column(panel: Sequence[Curve]) -> str:
     """
     first = panel[0].parameters[0]
     values = np.concatenate([c[first] for c in panel])
-    for name in parameters_of(panel[0]):
+    for name in panel[0].parameter_columns:
         if name in panel[0].parameters or np.ptp(values) == 0.0:
             continue
         others = np.concatenate([c[name] for c in panel])
@@ -437,12 +437,6 @@ def falling_column(panel: Sequence[Curve]) -> str:
         if np.ptp(others) > 0.0 and any(np.ptp(c) < 1e-9 * abs(c[0]) for c in constants):
             return name
     return first
-
-
-def parameters_of(curve: Curve) -> list[str]:
-    """Return the names of all parameters, derived ones included."""
-    names = list(curve.columns)
-    return names[names.index("arclength") + 1 : first_unknown(names)]
 
 
 def regions(
