@@ -27,8 +27,7 @@ from ..models.guards import Word
 from ..models.model import Model
 from ..models.outputs import TIME, VOLTAGE, state_names
 from ..orbits.orbit import Orbit
-from ..orbits.output_slopes import largest_values, slopes_of_means
-from ..orbits.outputs import means_of
+from ..orbits.outputs import largest_values, means_of, slopes_of_means
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
 from ..orbits.search import find_orbits

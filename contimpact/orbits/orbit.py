@@ -15,7 +15,7 @@ from ..errors import InputError, short_repr
 from ..models.guards import Word, name_orbit
 from ..models.model import Model
 from ..models.outputs import Harvester, Output
-from .outputs import Contact, Mean, contacts_of, mean_output, output_along, rates_of
+from .outputs import Contact, Mean, contacts_of, mean_output, mean_slope, output_along, rates_of
 from .problem import Linearisation, OrbitProblem, Path, motion_of, path_of
 from .quiet import problem_in
 
@@ -247,8 +247,6 @@ class Orbit(ParameterItems, NotebookResult):
             For anything else in the expression, a parameter the model does not have, or an orbit
             without impacts, at a fold or at a branch point.
         """
-        from .output_slopes import mean_slope
-
         at_impacts = at_impacts or per_time
         output = Output("output", expression, at_impacts, "", per_time, harvester)
         return mean_slope(self.linearisation, self.model, output, parameter)
