@@ -1,4 +1,4 @@
-"""Orbits, multipliers and events to thirty digits and more: what the doubles are compared with.
+"""What reports compare: solutions to thirty digits and more, and shooting, which needs no kernels.
 
 The generated kernels are evaluated in mpmath's arithmetic. Only the step of Newton's iteration is
 computed in double precision, so that an iteration contracts by about the condition number times
@@ -32,9 +32,14 @@ if TYPE_CHECKING:
     from ..results.scene import Scene
     from ..systems.membrane import Membrane
 
-# Repeated timings within a budget: the median, the least and the most.
+# Shooting, the contestant, and how it is timed.
 #
-# Seconds are those of the processor, which other programs that run meanwhile do not change.
+# The flight is integrated numerically with an event at the next wall; a periodic orbit is a fixed
+# point of (t, v) -> (t - pT, v) before the first impact, found by Newton's method with a Jacobian
+# by forward differences. It knows nothing of the closed form of a flight.
+#
+# Repeated timings within a budget give the median, the least and the most. Seconds are those of the
+# processor, which other programs that run meanwhile do not change.
 
 SECONDS = 20.0
 """A part of a report that has taken so long is not repeated, nor measured at more places."""
@@ -313,7 +318,7 @@ def _perturbed_guess(unknowns: Array) -> Array:
     return guess
 
 
-# Solutions in many digits.
+# Orbits, multipliers and events in many digits.
 
 ITERATIONS = 60
 GUARD_DIGITS = 18
