@@ -571,19 +571,17 @@ def _pieces(
     low, firsts = left, seen[0][1]
     for (before, _), (after, further) in itertools.pairwise(seen):
         if further != firsts:
-            cut = _exchange(firsts_at, firsts, before, after)
+            cut = _bisect(firsts_at, firsts, before, after)
             yield low, cut, firsts
             low, firsts = cut, further
     yield low, right, firsts
 
 
-def _exchange(
-    firsts_at: Callable[[float], Firsts], firsts: Firsts, low: float, high: float
-) -> float:
-    """Where these no longer come first, by bisection."""
+def _bisect(of: Callable[[float], object], value: object, low: float, high: float) -> float:
+    """Where a function no longer has the value that it has at the lower end."""
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if firsts_at(middle) == firsts else (low, middle)
+        low, high = (middle, high) if of(middle) == value else (low, middle)
     return high
 
 
@@ -664,13 +662,9 @@ def _height(curve: Curve, x: Array, y: Array, row: int) -> float:
     if len(s) < 4 or not all(one < other for one, other in itertools.pairwise(s)):
         return float(y[row] + (y[row + 1] - y[row]) * x[row] / (x[row] - x[row + 1]))
     across, up = _differences(s, x[near].tolist()), _differences(s, y[near].tolist())
-    low, high = 0.0, s[row + 1 - first]
-    rises = x[row + 1] >= 0.0
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        below = (_cubic(s, across, middle) >= 0.0) != rises
-        low, high = (middle, high) if below else (low, middle)
-    return _cubic(s, up, high)
+    falls = not x[row + 1] >= 0.0
+    place = _bisect(lambda at: _cubic(s, across, at) >= 0.0, falls, 0.0, s[row + 1 - first])
+    return _cubic(s, up, place)
 
 
 def _differences(s: Sequence[float], values: Sequence[float]) -> list[float]:
