@@ -43,7 +43,7 @@ FOR_ALL = {
 
 TRUSTED = {
     "contimpact.__main__": {"exec"},
-    "contimpact.segments.layout": {"exec"},
+    "contimpact.segments.kernel": {"exec"},
     "contimpact.segments.kernels": {"exec"},
     "contimpact.segments.compiling": {"ctypes"},
     "contimpact.segments.bounded": {"exec"},

@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 from ..arrays import Array, Number
 from ..continuation.branch import Details
 from ..orbits.problem import OrbitProblem
-from ..segments.layout import SECTION
+from ..segments.kernel import SECTION
 from ..segments.segment import Arithmetic, evaluate_in
 from .extended_system import Crossing, SingularCycle
 

@@ -18,8 +18,8 @@ from ..orbits.block_cyclic import KEPT, store, store_compiled
 from ..orbits.problem import CyclicBlocks, Linearisation, OrbitProblem, Summary
 from ..segments.compiling import CompiledProgram, addresses, load, mode, timed_plainly
 from ..segments.flight import add_excursions, excursion_of, time_zeros, variant_of
+from ..segments.kernel import Blocks, Family
 from ..segments.kernels import Kernels
-from ..segments.layout import Blocks, Family
 from ..segments.oscillation import MOST, ROW, row_of, row_of_compiled
 from ..segments.touches import flights_are_apart
 from .scalar_systems import (

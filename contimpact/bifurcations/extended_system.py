@@ -45,7 +45,7 @@ from ..continuation.branch import (
 from ..continuation.crossing_branches import Meeting
 from ..orbits.problem import Linearisation, OrbitProblem, rounding
 from ..segments.bounded import bounds_of
-from ..segments.layout import SECTION
+from ..segments.kernel import SECTION
 from ..segments.segment import Segment
 from .event_solver import LocatedPoint, solver_of
 from .scalar_systems import CONVERGED, EPSILON, FAR, FIRST_ORDER, NEWTON_ITERATIONS, ScalarForm

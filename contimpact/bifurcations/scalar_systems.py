@@ -25,7 +25,7 @@ from ..orbits.status import (
     tangent_by_elimination,
 )
 from ..segments.bounded import add_pairs, multiply_pairs
-from ..segments.layout import Blocks, Setup
+from ..segments.kernel import Blocks, Setup
 
 EPSILON = float(np.finfo(float).eps)
 NEWTON_ITERATIONS = 12

@@ -16,7 +16,7 @@ from ..bifurcations.equations import Equations
 from ..bifurcations.equations import Flight as Flight
 from ..orbits.problem import OrbitProblem
 from ..segments.balls import Number, Time, balls
-from ..segments.layout import SECTION
+from ..segments.kernel import SECTION
 from ..segments.segment import evaluate_in
 
 Balls: TypeAlias = list[Any]

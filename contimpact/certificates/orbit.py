@@ -30,7 +30,7 @@ from ..models.guards import Guard, Word, same_surface
 from ..orbits.problem import OrbitProblem
 from ..orbits.quiet import problem_of
 from ..segments.balls import number, turns
-from ..segments.layout import SECTION
+from ..segments.kernel import SECTION
 from ..segments.segment import ELSEWHERE
 from ..segments.touches import begins_on_surface, coordinates, limits_of
 from .equations import BallProblem, Balls, Flight, prove_zero

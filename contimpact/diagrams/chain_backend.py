@@ -38,7 +38,7 @@ from ..orbits.cyclic_chain import (
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.status import known_multipliers, pencil_multipliers, products_of, stability_of
 from ..segments.compiling import timed_plainly
-from ..segments.layout import SECTION, Blocks
+from ..segments.kernel import SECTION, Blocks
 from ..segments.oscillation import MOST, ROW
 from ..segments.segment import AT_SECTION, ELSEWHERE
 from ..segments.touches import coordinates

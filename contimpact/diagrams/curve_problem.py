@@ -48,8 +48,8 @@ from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.status import Verdict
 from ..results.branch import Entry, details_of, orbit_of
 from ..segments.compiling import CompiledProgram, load, mode, timed_plainly
+from ..segments.kernel import Setup
 from ..segments.kernels import Kernels
-from ..segments.layout import Setup
 from ..segments.machine_code import Program
 from .orbit_walks import SwitchingBackend
 

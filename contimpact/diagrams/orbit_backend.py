@@ -37,7 +37,7 @@ from ..segments.compiling import (
     timed_plainly,
 )
 from ..segments.flight import excursion_of, time_zeros, variant_of
-from ..segments.layout import Setup
+from ..segments.kernel import Setup
 from ..segments.oscillation import MOST, ROW
 from .orbit_functions import (
     DESCRIBED,

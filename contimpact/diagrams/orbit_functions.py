@@ -26,7 +26,7 @@ from ..orbits.status import (
     tangent_by_elimination,
     verdict,
 )
-from ..segments.layout import Blocks, Setup
+from ..segments.kernel import Blocks, Setup
 
 WALLS, PERIODS, FREE, DERIVED, GAPS, DOUBLING = range(6)
 """Places in `counts`: how many walls and periods, the place of the free parameter among the

@@ -24,8 +24,8 @@ from ..orbits.cyclic_chain import (
     tangent_of_chain,
 )
 from ..segments.flight import add_excursions
+from ..segments.kernel import SECTION, Family
 from ..segments.kernels import Kernels
-from ..segments.layout import SECTION, Family
 from ..segments.linear_flow import LONGEST, MEANS, SLOPES, balance, flow, halve_time
 from ..segments.machine_code import Program, choice
 from ..segments.oscillation import FollowedFlight, row_of, row_of_compiled

@@ -45,8 +45,8 @@ from ..orbits.search import mirror_orbit, reduce_period, repeats, rotate_to_word
 from ..results.branch import Branch
 from ..results.diagram import entry_of, tabulate
 from ..segments.compiling import note_uncompiled
+from ..segments.kernel import SECTION
 from ..segments.kernels import Kernels
-from ..segments.layout import SECTION
 from .orbit_backend import CycleBackend
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ HERE = Path(__file__).parent.parent
 GENERATOR = tuple(
     """models/equations models/expressions models/guards models/linear models/model
     models/nonlinear models/symbolic models/symbols segments/codegen segments/integration
-    segments/layout segments/linear_flow segments/transients""".split()
+    segments/kernel segments/linear_flow segments/transients""".split()
 )
 HARMLESS = set("__future__ collections dataclasses functools math numpy sympy typing".split())
 """Modules that a system may import besides the package without its formulas depending on more."""

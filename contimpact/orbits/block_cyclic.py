@@ -26,7 +26,7 @@ from collections.abc import Callable
 from typing import TypeAlias
 
 from ..arrays import Table, Vector
-from ..segments.layout import Blocks, Setup, differences_grow
+from ..segments.kernel import Blocks, Setup, differences_grow
 from ..segments.segment import AT_SECTION, ELSEWHERE, MEETING
 
 BLOCK = 12
@@ -79,8 +79,8 @@ def assemble(
 ) -> float:
     """Evaluate every flight of a cycle at the unknowns z = (t_1, v_1, ..., t_N, v_N, lambda).
 
-    ``flight(kind, t0, v0, t1, v1, values)`` gives the `segments.layout.Blocks` of one flight,
-    ``setup(values)`` the `segments.layout.Setup`; the free parameter has a `place` among the values
+    ``flight(kind, t0, v0, t1, v1, values)`` gives the `segments.kernel.Blocks` of one flight,
+    ``setup(values)`` the `segments.kernel.Setup`; the free parameter has a `place` among the values
     and is set from z. Filled in are `blocks`, a row per flight; `clock`, the orbit's period and its
     derivative by the free parameter; and in `fixed` the forcing period, positions of the walls and
     derived parameters. Returns the sum of all residuals' sizes.

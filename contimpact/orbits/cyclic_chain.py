@@ -20,7 +20,7 @@ from collections.abc import Callable
 from typing import NamedTuple, TypeAlias
 
 from ..arrays import Table, Vector
-from ..segments.layout import Blocks, Setup
+from ..segments.kernel import Blocks, Setup
 from ..segments.oscillation import (
     MOST,
     FollowedFlight,

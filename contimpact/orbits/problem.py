@@ -39,8 +39,8 @@ from ..models.model import Model
 from ..segments.bounded import UNIT, BoundedNumber, bounds_of, bounds_of_kernel
 from ..segments.flight import FlightGaps, flight_gaps
 from ..segments.integration import KEPT
+from ..segments.kernel import SECTION, CombinedBlocks, Setup
 from ..segments.kernels import Kernels
-from ..segments.layout import SECTION, CombinedBlocks, Setup
 from ..segments.segment import ARRAYS, ELSEWHERE, MEETING, STATES, evaluate_in
 from ..segments.touches import flights_are_apart, interior_touches
 from ..segments.track import integrated_track, track_of
@@ -199,7 +199,7 @@ class CyclicBlocks(NamedTuple):
     free).
 
     They are `together` where rows of a flight are combinations of its equations; see
-    `layout.CombinedBlocks`.
+    `kernel.CombinedBlocks`.
     """
 
     residual: Array

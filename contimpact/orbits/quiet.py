@@ -29,8 +29,8 @@ from ..errors import InputError
 from ..models.guards import Row, Word, following_letters, state_before, state_size
 from ..models.model import Model
 from ..segments.flight import FlightGaps, Touch, breaks_of, touch_of
+from ..segments.kernel import SECTION
 from ..segments.kernels import Kernels
-from ..segments.layout import SECTION
 from ..segments.oscillation import Excursion, Moved, excursions
 from ..segments.segment import ARRAYS, Segment, evaluate_in
 from ..segments.track import IntegratedTrack, integrated_track, join_flights

@@ -13,7 +13,7 @@ import numpy as np
 from ..arrays import Array, Table, Vector
 from ..segments.compiling import CompiledProgram, load, mode
 from ..segments.flight import variant_of
-from ..segments.layout import Blocks, Setup
+from ..segments.kernel import Blocks, Setup
 from .block_cyclic import BLOCK, KEPT, POSITIONS, assemble, eliminate, solve, store, store_compiled
 
 if TYPE_CHECKING:
@@ -30,8 +30,8 @@ from ..models.guards import Word, graph, parse_word
 from ..models.model import Model, Symmetry
 from ..progress import Asked, Progress, ignore_progress, progress_lines
 from ..segments.compiling import timed_plainly
+from ..segments.kernel import SECTION
 from ..segments.kernels import Kernels
-from ..segments.layout import SECTION
 from ..segments.segment import ELSEWHERE, STATES, VALUES
 from .orbit import Orbit
 from .problem import Linearisation, OrbitProblem

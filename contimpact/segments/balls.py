@@ -29,7 +29,7 @@ import numpy as np
 from flint import arb, arb_mat, arb_poly, arb_series, ctx, fmpq
 
 from ..arrays import Array, Vector
-from .layout import Family
+from .kernel import Family
 from .linear_flow import Shape, generators, scales_of
 from .segment import PLAIN, Arithmetic, Kernel
 from .transients import HIGHEST, MOTIONS, TABLES, TOGETHER

@@ -25,7 +25,7 @@ import numpy as np
 from ..arrays import Array, Number, Vector
 from ..syntax import parse, parse_expression
 from . import integrated_flight, linear_flow
-from .layout import Family, Setup
+from .kernel import Family, Setup
 from .segment import (
     FLOATS,
     FUNCTIONS,

@@ -41,7 +41,7 @@ from ..models.symbols import (
 from . import transients
 from . import transients as stumpff
 from .integration import Statement, text_of
-from .layout import SECTION, Family, Setup, declaration, flat, refill, result_text
+from .kernel import SECTION, Family, Setup, declaration, flat, refill, result_text
 from .linear_flow import Shape
 
 # Formulas as straight-line code, differentiated step by step.

@@ -16,7 +16,7 @@ from ..arrays import Number, Vector
 from ..errors import InputError
 from .integrated_flight import flown_along
 from .integration import statement
-from .layout import Blocks, flat, refill, result_text
+from .kernel import Blocks, flat, refill, result_text
 from .linear_flow import Shape
 from .segment import FLOATS, PLAIN, Arithmetic, Kernel, evaluate_in, kernel_of
 from .transients import HIGHEST, MOTIONS, TABLES, TOGETHER

@@ -30,7 +30,7 @@ from .taylor import flight_by_series, has_series
 from .track import velocities_at
 
 if TYPE_CHECKING:
-    from .layout import Kernel
+    from .kernel import Kernel
     from .machine_code import Program
 
 TRIALS_APART = 0.7

@@ -1,7 +1,7 @@
 """Integrated segments, long ones computed by multiple shooting.
 
 Rounding errors grow along a flight as all differences do. Where that comes to more than
-`layout.LONG`, the flight is computed by multiple shooting, and its residual is the same up to a
+`kernel.LONG`, the flight is computed by multiple shooting, and its residual is the same up to a
 regular matrix: rows are combined such that none of them is large.
 """
 
@@ -19,7 +19,7 @@ from ..arrays import Array, Number
 from .derivatives import Series, series
 from .integrated_flight import rounding_scale
 from .integration import KEPT, integrator, statement
-from .layout import SECTION, Blocks, CombinedBlocks, Row, differences_grow
+from .kernel import SECTION, Blocks, CombinedBlocks, Row, differences_grow
 from .segment import ELSEWHERE, FLOATS, Arithmetic, ClosedForm, KernelSource, Numbers, evaluate_in
 from .track import IntegratedTrack, join_flights
 

@@ -21,7 +21,7 @@ from ..models.model import Model
 from ..models.sources import digests
 from ..storage import cache_folder, load_file, logger, reason, store_file, warn_uncached
 from .bounded import bounded_kernel
-from .layout import SECTION, Family, Setup, differences_grow
+from .kernel import SECTION, Family, Setup, differences_grow
 from .segment import ELSEWHERE, ClosedForm, Kernel, Passages, kernel_of, passages_of
 
 # What of a system was compared: kept in the cache, so that a warm check does without SymPy.

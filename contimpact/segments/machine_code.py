@@ -15,7 +15,7 @@ from typing import Any
 from ..arrays import tail
 from ..storage import temporary_beside
 from ..syntax import parse
-from .layout import Family
+from .kernel import Family
 from .llvm_ir import intermediate_code
 
 PACKAGE = __name__.partition(".")[0]

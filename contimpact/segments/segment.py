@@ -26,12 +26,12 @@ from ..arrays import Array, Number
 from ..errors import InputError
 from ..models.guards import Guard
 from ..models.model import Model
-from . import integrated_flight, layout, linear_flow, transients
+from . import integrated_flight, kernel, linear_flow, transients
 from . import transients as array_transients
 from . import transients as stumpff
-from .layout import ELEMENTARY, SECTION, Blocks, Row, Setup, cube, function_of, power, square
-from .layout import FUNCTIONS as FUNCTIONS
-from .layout import Kernel as Kernel
+from .kernel import ELEMENTARY, SECTION, Blocks, Row, Setup, cube, function_of, power, square
+from .kernel import FUNCTIONS as FUNCTIONS
+from .kernel import Kernel as Kernel
 
 # The arithmetics in which a kernel can be evaluated.
 #
@@ -116,7 +116,7 @@ PLAIN: dict[str, Any] = {
     "power": power,
     "waves": waves,
     "total": total,
-    **layout.NAMES,
+    **kernel.NAMES,
 }
 """Names that stand for the same in every arithmetic."""
 

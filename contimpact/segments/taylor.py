@@ -30,7 +30,7 @@ from .integration import (
     UNIT,
     statement,
 )
-from .layout import ELEMENTARY, Kernel, function_of
+from .kernel import ELEMENTARY, Kernel, function_of
 from .oscillation import (
     COEFFICIENTS,
     DEGREE,

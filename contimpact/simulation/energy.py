@@ -14,8 +14,8 @@ from ..models.outputs import require_membranes
 from ..orbits.orbit import Orbit
 from ..results.branch import Branch, Entry
 from ..results.quantities import Energy, branch_voltages, impact_voltages
+from ..segments.kernel import Family
 from ..segments.kernels import Kernels
-from ..segments.layout import Family
 from ..systems.membrane import Membrane
 from .attractor import Attractor
 

@@ -23,8 +23,8 @@ from ..segments.flight import (
     zeros_in_turn,
 )
 from ..segments.integration import StepLimitError
+from ..segments.kernel import Family
 from ..segments.kernels import Kernels
-from ..segments.layout import Family
 from ..segments.linear_flow import Shape, flow
 from ..segments.oscillation import Motion
 from ..segments.segment import ARRAYS, FLOATS, Arithmetic, Kernel, evaluate_in

@@ -32,7 +32,7 @@ from ..orbits.orbit import Orbit
 from ..results.branch import Entry
 from ..results.diagram import to_orbit
 from ..segments.flight import chebyshev_zeros, first_arrival, rounding_along
-from ..segments.layout import Family
+from ..segments.kernel import Family
 from ..segments.segment import ARRAYS, evaluate_in
 from .one_coordinate import OneCoordinate
 from .run import wall_on, wrap_time

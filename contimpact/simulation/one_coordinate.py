@@ -19,8 +19,8 @@ from ..errors import InputError
 from ..models.model import Model
 from ..segments.compiling import timed_plainly
 from ..segments.flight import chebyshev_zeros, first_arrival, rounding_along, time_zeros
+from ..segments.kernel import Family
 from ..segments.kernels import Kernels
-from ..segments.layout import Family
 from ..segments.segment import ARRAYS, Kernel, evaluate_in, neighbouring_guards
 from .flights import FlightInState, first_hit, fly_in_time, motion_at
 from .run import (

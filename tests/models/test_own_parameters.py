@@ -17,8 +17,8 @@ from contimpact import (
     load_entries,
     write_diagram,
 )
+from contimpact.segments.kernel import flat
 from contimpact.segments.kernels import Kernels
-from contimpact.segments.layout import flat
 from contimpact.simulation.simulator import Simulator
 
 FORCING = "cos(pi*t) + h*cos(3*pi*t)"

@@ -19,8 +19,8 @@ from contimpact.models.guards import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
 from contimpact.segments.bounded import BoundedNumber, bounds_of_kernel
+from contimpact.segments.kernel import flat
 from contimpact.segments.kernels import Kernels
-from contimpact.segments.layout import flat
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
 

@@ -8,8 +8,8 @@ import pytest
 
 from contimpact.segments import linear_flow
 from contimpact.segments import transients as plain
+from contimpact.segments.kernel import flat
 from contimpact.segments.kernels import Kernels
-from contimpact.segments.layout import flat
 from contimpact.segments.segment import evaluate_in
 from contimpact.systems.impact_pair import ImpactPair
 

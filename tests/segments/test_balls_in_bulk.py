@@ -11,8 +11,8 @@ from zoo import ROOT, harmonic_pair
 
 import contimpact
 from contimpact.models.guards import following_letters
+from contimpact.segments.kernel import SECTION, flat
 from contimpact.segments.kernels import Kernels
-from contimpact.segments.layout import SECTION, flat
 from contimpact.segments.segment import Arithmetic, evaluate_in
 from contimpact.systems.belt import Belt
 from contimpact.systems.bouncing_ball import BouncingBall

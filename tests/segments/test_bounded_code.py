@@ -9,8 +9,8 @@ import pytest
 
 from contimpact import ImpactPair
 from contimpact.segments.bounded import BOUNDED, BoundedNumber, bounded_kernel, bounds_of_kernel
+from contimpact.segments.kernel import Setup, flat, refill
 from contimpact.segments.kernels import Kernels
-from contimpact.segments.layout import Setup, flat, refill
 from contimpact.segments.segment import evaluate_in
 from contimpact.systems.soft_stop import SoftStop
 

@@ -12,8 +12,8 @@ from contimpact import ImpactPair, continue_orbit, find_orbits
 from contimpact.models import symbols
 from contimpact.segments import codegen, segment
 from contimpact.segments.bounded import bounds_of_kernel, many_digits
+from contimpact.segments.kernel import flat
 from contimpact.segments.kernels import Kernels
-from contimpact.segments.layout import flat
 from contimpact.segments.segment import ARRAYS, evaluate_in
 
 MANY = "+".join(f"cos({k}*pi*t+{k})*{0.6**k}" for k in range(1, 10))

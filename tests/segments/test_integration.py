@@ -19,8 +19,8 @@ from contimpact.segments.bounded import BOUNDED, BoundedNumber, many_digits
 from contimpact.segments.checking import check_model
 from contimpact.segments.integrated_flight import MANY, flown, flown_of_arrays, flown_of_series
 from contimpact.segments.integration import integrator, text_of
+from contimpact.segments.kernel import flat
 from contimpact.segments.kernels import Kernels
-from contimpact.segments.layout import flat
 from contimpact.segments.segment import ARRAYS, evaluate_in
 from contimpact.segments.track import IntegratedTrack, integrated_track, track_of
 from contimpact.systems.oscillator import Oscillator

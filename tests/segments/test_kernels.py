@@ -14,8 +14,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from contimpact.errors import InputError
+from contimpact.segments.kernel import flat
 from contimpact.segments.kernels import Kernels
-from contimpact.segments.layout import flat
 from contimpact.segments.segment import ARRAYS, evaluate_in
 
 PAIR_KINDS = ["BB", "BT", "TB", "TT"]

@@ -15,8 +15,8 @@ from contimpact.models.linear import Linear, harmonics_of
 from contimpact.models.model import Formulas
 from contimpact.segments import linear_flow
 from contimpact.segments.bounded import BOUNDED, BoundedNumber, many_digits
+from contimpact.segments.kernel import flat
 from contimpact.segments.kernels import Kernels
-from contimpact.segments.layout import flat
 from contimpact.segments.linear_flow import Shape, flow, flow_of_arrays, flow_of_series
 from contimpact.segments.segment import evaluate_in
 from contimpact.segments.track import Pieces

@@ -7,8 +7,8 @@ import pytest
 import sympy
 
 from contimpact.models.nonlinear import Nonlinear
+from contimpact.segments.kernel import flat
 from contimpact.segments.kernels import Kernels
-from contimpact.segments.layout import flat
 from contimpact.systems.soft_stop import SoftStop
 
 pytest.importorskip("heyoka", reason="needs contimpact[ode]")

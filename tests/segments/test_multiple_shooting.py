@@ -15,7 +15,7 @@ from contimpact.orbits.quiet import problem_of
 from contimpact.orbits.search import orbit_at
 from contimpact.results.branch import orbit_with
 from contimpact.results.scene import read_scene
-from contimpact.segments import layout
+from contimpact.segments import kernel
 from contimpact.segments.integrated_form import (
     MOST_PIECES,
     SIZE,
@@ -23,8 +23,8 @@ from contimpact.segments.integrated_form import (
     Shooting,
     SplitFailure,
 )
+from contimpact.segments.kernel import CombinedBlocks
 from contimpact.segments.kernels import Kernels
-from contimpact.segments.layout import CombinedBlocks
 from contimpact.systems.duffing import Duffing
 from contimpact.systems.pendulum import Pendulum
 
@@ -44,7 +44,7 @@ def both(monkeypatch, kernels, ask):
     segment, values = kernels.segment("S", "S"), list(VALUES.values())
     answers = []
     for long in (math.inf, 0.0):
-        monkeypatch.setattr(layout, "LONG", long)
+        monkeypatch.setattr(kernel, "LONG", long)
         answers.append(ask(segment, values))
     return answers
 

@@ -12,8 +12,8 @@ from contimpact.models.guards import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
 from contimpact.segments.bounded import many_digits
+from contimpact.segments.kernel import flat, refill
 from contimpact.segments.kernels import Kernels
-from contimpact.segments.layout import flat, refill
 
 
 class InManyDigits:

@@ -19,8 +19,8 @@ from contimpact.segments.derivatives import (
     series,
     third_derivatives,
 )
+from contimpact.segments.kernel import flat
 from contimpact.segments.kernels import Kernels
-from contimpact.segments.layout import flat
 from contimpact.segments.segment import FLOATS, FUNCTIONS, evaluate_in
 from contimpact.segments.transients import HIGHEST, MOTIONS, TABLES, transient
 from contimpact.systems.impact_pair import ImpactPair

@@ -13,8 +13,8 @@ from contimpact.errors import InputError
 from contimpact.models.symbolic import MeanTransient, Transient
 from contimpact.segments import codegen
 from contimpact.segments.bounded import BOUNDED, BoundedNumber, many_digits
+from contimpact.segments.kernel import flat
 from contimpact.segments.kernels import Kernels
-from contimpact.segments.layout import flat
 from contimpact.segments.transients import ARRAY, MOTIONS, SCALAR, TABLES, _power_series, transient
 from contimpact.systems.oscillator import Oscillator
 

@@ -19,7 +19,7 @@ from contimpact.diagrams.orbit_walks import walk_both_ways
 from contimpact.orbits.search import find_orbits
 from contimpact.results.diagram import impacts_of
 from contimpact.segments.bounded import many_digits
-from contimpact.segments.layout import flat
+from contimpact.segments.kernel import flat
 from contimpact.segments.segment import evaluate_in
 from contimpact.systems.two_masses import TwoMasses
 
