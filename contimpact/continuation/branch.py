@@ -59,8 +59,8 @@ class EndKind(enum.Enum):
     RANGE = "reached the end of the range at {parameter} = {value:.12g}"
     CLOSED = "closed on itself: the branch is a loop"
     STEP = (
-        "the step fell below {floor:.3g} at {parameter} = {value:.12g} ({why}); a smaller min_step "
-        "or another free parameter may carry on"
+        "the step fell below {floor:.3g} at {parameter} = {value:.12g} ({why}); "
+        "{advice} may carry on"
     )
     CORRECTOR = (
         "the corrector failed at {parameter} = {value:.12g} even with the smallest step ({why}); "

@@ -272,6 +272,12 @@ def passes_point(arc: Arc, start: Array, leaving: Array) -> bool:
     )
 
 
+FINER, WIDER = "a smaller min_step or another free parameter", "a larger max_angle"
+"""What may carry on where no step is accepted."""
+
+STRAIGHT = 1e-3
+"""Where the smallest step turns by less, nothing but a `max_angle` below that refuses it."""
+
 SAME_SOLUTION = 1e-7
 WIDEST_SPAN = 1e3
 """The natural size of the parameter is that of its range, at most this many times its start."""
@@ -790,8 +796,11 @@ class _Walker:
         """The end of a branch on which no further step was accepted."""
         assert refused is not None
         near, floor = self.near(here), self.numerics(here).min_step
+        turns = refused.cause in (Refusal.TURNS, Refusal.BENDS)
+        if turns and cast(float, refused.detail) < STRAIGHT:
+            return self.end(refused.kind, why=str(refused), floor=floor, advice=WIDER)
         if near is None or near.crosses or refused.kind is not EndKind.STEP:
-            return self.end(refused.kind, why=str(refused), floor=floor)
+            return self.end(refused.kind, why=str(refused), floor=floor, advice=FINER)
         place = near.parameter
         return self.end(EndKind.NEAR_MISS, why=str(refused), near=str(near), place=place)
 

@@ -393,6 +393,13 @@ def test_a_corner_ends_a_branch_at_the_smallest_step():
     assert found.rejected_steps <= 60  # measured: 31
 
 
+@pytest.mark.parametrize("largest", [1e-12, 1e-9])
+def test_a_largest_angle_that_no_step_keeps_is_named(largest):
+    found = follow(circle(), [1.0, 0.0], settings=Settings(max_angle=largest))
+    assert found.end.kind is EndKind.STEP
+    assert "a larger max_angle may carry on" in found.end.message
+
+
 def test_a_branch_that_touches_the_limit_closer_than_a_step_says_so():
     """It passes p = 0 by 1e-15 over a width of 6e-8, less than the smallest step."""
     over = Algebraic(lambda x, p: p + x * x - 1e-15, lambda x, p: [2.0 * x, 1.0])
@@ -420,7 +427,7 @@ def test_a_limit_on_which_nothing_is_reached_is_an_edge_of_the_range():
 @pytest.mark.parametrize("cause", list(Refusal))
 def test_every_refusal_has_an_end_and_a_sentence(cause):
     refused = RefusalDetails(cause, 0.3)
-    told = {"floor": 1e-7, "near": "1e-9", "place": 0.2}
+    told = {"floor": 1e-7, "near": "1e-9", "place": 0.2, "advice": "another parameter"}
     end = End.of(refused.kind, "p", 0.1, why=str(refused), **told)
     assert str(refused) in end.message
     assert "{" not in end.message
