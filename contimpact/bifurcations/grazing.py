@@ -192,7 +192,9 @@ class Grazing(OrbitTest):
 
     def enters(self, point: OrbitPoint, index: int) -> bool:
         """An extremum comes from the next flight, across an impact on another coordinate; or two
-        are born beyond the wall, where the flight is on either side of the point."""
+        are born beyond the wall, where the flight is on either side of the point; or the flight
+        leaves or reaches the wall at rest: on one side of the point it does so the wrong way, and
+        how far it goes beyond is told by that."""
         if index >= len(self.places):
             return False
         here, touch = point.evaluation, self.touch(point.evaluation, index)
@@ -203,6 +205,9 @@ class Grazing(OrbitTest):
         if min(abs(touch.time - end) for end in ends) < AT_END * here.span:
             return True
         speeds = problem.scale(here.unknowns, 1.0)[1 : problem.n : problem.m]
+        rates = _rates_at_ends(here, flight, self.places[index][1])
+        if any(abs(rate) < AT_END * np.max(speeds) for rate in rates):
+            return True
         born = abs(here.gaps_of(flight).slowest) < BORN * np.max(speeds, initial=0.0)
         return bool(born and touch.gap < -self.rounding)
 
@@ -385,6 +390,23 @@ def _is_slow(here: Linearisation, impact: int) -> bool:
     velocity = problem.impacts(here.unknowns)[impact, 1]
     size = problem.scale(here.unknowns, 1.0)[problem.m * impact + 1]
     return bool(abs(velocity) < AT_END * size)
+
+
+def _rates_at_ends(here: Linearisation, flight: int, wall: str) -> list[float]:
+    """Return the rates of a wall's gap coordinate at those ends of a flight that are on it."""
+    problem, walls = here.problem, here.problem.word.walls
+    if not walls:
+        return []
+    guards, size = problem.model.guard, problem.model.DEGREES_OF_FREEDOM
+    left, reached = walls[flight], walls[(flight + 1) % len(walls)]
+    row, impacts = guards(wall).row(size), problem.impacts(here.unknowns)
+    rates = []
+    if guards(left).row(size) == row:
+        gap, values = problem.kernels.gap(left, wall), problem.values(here.unknowns)
+        rates.append(float(gap(*impacts[flight].tolist(), 0.0, *values)[1]))
+    if guards(reached).row(size) == row:
+        rates.append(float(impacts[(flight + 1) % len(walls), 1]))
+    return rates
 
 
 # Touches.

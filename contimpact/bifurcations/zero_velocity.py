@@ -119,9 +119,12 @@ class ZeroVelocity(ScalarTest):
         return None if adds else ScalarForm("reached", impact)
 
     def enters(self, point: OrbitPoint, index: int) -> bool:
-        """Where both flights beside an impact vanish with its velocity, the quotient passes
-        infinity; that they vanish is an event of its own."""
-        return index >= self.together and self.alone[index - self.together].merges(point)
+        """Where both flights beside an impact vanish with its velocity, or one without it, the
+        quotient passes infinity; that they vanish is an event of its own."""
+        if index < self.together:
+            return False
+        alone = self.alone[index - self.together]
+        return alone.merges(point) or alone.lasts(point)
 
     def accept(self, event: OrbitEvent) -> bool:
         """Where the quotient passes infinity, it has no zero."""
@@ -180,12 +183,20 @@ class VelocityBetweenExcursions:
         """Whether both flights beside it are short."""
         return max(self.durations_at(point)) < MERGING * point.evaluation.span
 
+    def lasts(self, point: OrbitPoint) -> bool:
+        """Whether the velocity does not vanish with a flight that is short."""
+        return self._part(point) ** 2 > min(self.durations_at(point)) / point.evaluation.span
+
     def vanishes(self, point: OrbitPoint) -> bool:
         """Whether the velocity does, and the flights last."""
+        most = ALONE * min(self.durations_at(point))
+        return self._part(point) * point.evaluation.span < most
+
+    def _part(self, point: OrbitPoint) -> float:
+        """Return the velocity as a part of the largest."""
         here, z = point.evaluation, point.unknowns
         speeds = np.abs(z[1 :: here.problem.m][: len(here.problem.word)])
-        most = ALONE * np.max(speeds) * min(self.durations_at(point))
-        return bool(abs(z[self.velocity]) * here.span < most)
+        return float(abs(z[self.velocity]) / np.max(speeds))
 
     def gradient(self, problem: OrbitProblem, z: Array, durations: ZeroDuration) -> Array:
         """Return the gradient of one of them, shape (n + 1,)."""

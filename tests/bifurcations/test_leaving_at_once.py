@@ -10,7 +10,9 @@ from zoo import unknowns_of
 
 from contimpact import continue_orbit, find_orbits
 from contimpact.models.guards import Word
+from contimpact.orbits.orbit import Orbit
 from contimpact.orbits.problem import Linearisation, OrbitProblem
+from contimpact.orbits.search import solve_near
 from contimpact.results.scene import read_scene
 from contimpact.segments.kernels import Kernels
 from contimpact.simulation.run import Outcome
@@ -89,6 +91,45 @@ def test_where_it_does_is_a_grazing_with_an_error():
         assert abs(event.value - float(limit[0])) <= event.error < 1e-12
     inside = branch["w"] > float(limit[0])
     assert np.array_equal(branch.physical[~branch.between], inside[~branch.between])
+    assert not branch.missed
+
+
+ON_THE_BELT = {
+    "vanishes": (
+        0.61277,
+        [1.02344e01, -0.599999, 1.297930, 0.05, 1.0234512e01, -6e-7, 1.297931, 0.05],
+    ),
+    "rests where it ends": (
+        0.349722,
+        [-1.718233, -0.732034, 1.254856, 0.05, 9.747844, 2.7e-5, -0.666477, 0.05],
+    ),
+    "rests where it begins": (
+        0.339661,
+        [-1.433403, -0.599941, 1.181742, 0.05, 10.741412, 0.157854, -0.734132, 0.05],
+    ),
+}
+"""Orbits of a body on a belt near to where a flight vanishes or rests."""
+
+
+@pytest.mark.parametrize("what", ON_THE_BELT)
+def test_nothing_is_missed_where_a_flight(what):
+    """A quotient of a velocity passes infinity with the flight; the gap of a flight jumps, whose
+    excursion belongs to an impact that runs the wrong way on one side only."""
+    w, unknowns = ON_THE_BELT[what]
+    table = FRICTION["model"]
+    guards = {
+        name: guard | {"within": guard["within"].replace("0", "V")}
+        for name, guard in table["guards"].items()
+    }
+    parameters = table["parameters"] | {"w": w, "V": 0.05}
+    model = table | {"parameters": parameters, "guards": guards}
+    follow = FRICTION["follow"] | {"range": [0.9 * w, 1.1 * w]}
+    model = read_scene(FRICTION | {"model": model, "follow": follow}).model
+    problem = OrbitProblem(model, Word("AB"), Kernels(model, "w"))
+    orbit = Orbit(problem, solve_near(problem, np.array([*unknowns, w])))
+    branch = continue_orbit(orbit, "w", (w - 2e-5, w + 2e-5), events=["G", "V"])
+    assert len(branch) > 2
+    assert branch.events
     assert not branch.missed
 
 
