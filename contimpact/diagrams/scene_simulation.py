@@ -18,13 +18,14 @@ from typing import TYPE_CHECKING
 
 from ..progress import Progress, RememberedProgress, ignore_progress
 from ..results.catalogue import diagram_files
-from ..results.options import SimulateOptions
+from ..results.options import Settling, SimulateOptions
 from ..results.result_folder import ROWS
 from ..results.scene import Scene
 from ..segments.kernels import Kernels
 from ..simulation.attractor import Attractor, Kind
 from ..simulation.files import (
     Checkpoint,
+    Trial,
     coverage_text,
     energy_text,
     fingerprint,
@@ -266,7 +267,7 @@ class _Director:
         sweep, diagram = self.result.sweep, self.result.diagram
         pairs = self.changes
         clock = _Clock("transitions", len(pairs), self.progress, self.seconds_each())
-        simulators = _ReportedSimulators(self.simulators, clock)
+        simulators = _KeptSimulators(self.simulators, clock, self.kept)
         for before, after in pairs:
             key = _key_of((before, after))
             if key not in self.kept.changes:
@@ -394,16 +395,25 @@ class _Clock:
         self.progress(f"{self.place}; {text}")
 
 
-class _ReportedSimulators(Simulators):
-    """Simulators that tell which value is tried."""
+class _KeptSimulators(Simulators):
+    """Simulators that tell which value is tried, and keep what attractors lead to there."""
 
-    def __init__(self, own: Simulators, clock: _Clock) -> None:
+    def __init__(self, own: Simulators, clock: _Clock, kept: Checkpoint) -> None:
         super().__init__(own.model, own.parameter, own.kernels)
-        self.clock = clock
+        self.clock, self.kept = clock, kept
 
     def at(self, value: float) -> Simulator:
         self.clock.working(f"trying {self.parameter} = {value:.9g}")
         return super().at(value)
+
+    def lead(self, attractor: Attractor, value: float, settling: Settling) -> Attractor | None:
+        """What was found before an interruption is not sought again."""
+        known = self.kept.next_trial(value, settling.periods)
+        if known is not None:
+            return known.attractor
+        found = super().lead(attractor, value, settling)
+        self.kept.keep_trial(Trial(value, settling.periods, found))
+        return found
 
 
 def write_simulation(result: Simulation, folder: Path) -> list[str]:

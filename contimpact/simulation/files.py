@@ -10,7 +10,7 @@ import dataclasses
 import hashlib
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -92,14 +92,41 @@ def fingerprint(resolved: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
+@dataclasses.dataclass(frozen=True)
+class Trial:
+    """What an attractor led to at a value, after so many periods; None if that cannot be told."""
+
+    value: float
+    periods: int
+    attractor: Attractor | None
+
+    def as_record(self) -> dict[str, Any]:
+        """Return plain data."""
+        record = None if self.attractor is None else self.attractor.as_record()
+        return {"trial": self.value, "periods": self.periods, "attractor": record}
+
+    @staticmethod
+    def from_record(record: Mapping[str, Any]) -> Trial:
+        """Return the trial a record was made of."""
+        at, found = fit_value(record["trial"], float, "trial"), record["attractor"]
+        periods = fit_value(record["periods"], int, "periods")
+        return Trial(at, periods, None if found is None else Attractor.from_record(found))
+
+
+TRIAL = '{"trial"'
+"""How the lines of trials begin."""
+
+
 class Checkpoint:
     """What was found so far, in a file that grows line by line, of the scene with this
     `fingerprint`; to `resume` is to keep what is in the file already. Rows have to be of the
     model's attractors.
 
     The rows are in `rows`; transitions between two rows of a sweep in `changes`, by direction and
-    value of the second one; in `tried` the values at which the random starts have been made. `lost`
-    says why nothing more could be kept, if so; what is found is then in memory alone.
+    value of the second one; in `tried` the values at which the random starts have been made; in
+    `trials` those of transitions that are being located, in order: the file is without them, once
+    these are found. `lost` says why nothing more could be kept, if so; what is found is then in
+    memory alone.
 
     Raises InputError if the file is of another scene, or damaged.
     """
@@ -109,6 +136,7 @@ class Checkpoint:
         self.rows: list[Row] = []
         self.changes: dict[tuple[str, float], list[Transition]] = {}
         self.tried: set[float] = set()
+        self.trials: list[Trial] = []
         self.model = model
         self.lost: str | None = None
         lines = self._lines() if resume and path.exists() else []
@@ -118,7 +146,10 @@ class Checkpoint:
             raise InputError(str(path), "it belongs to another scene or version", accepted)
         for line in lines[1:]:
             self._take(line)
-        write_text(path, "".join(f"{line}\n" for line in [head, *lines[1:]]))
+        self.known: Iterator[Trial] = iter([*self.trials])
+        others = [line for line in lines[1:] if not line.startswith(TRIAL)]
+        trials = [json.dumps(trial.as_record()) for trial in self.trials]
+        write_text(path, "".join(f"{line}\n" for line in [head, *others, *trials]))
 
     def _lines(self) -> list[str]:
         """The whole lines of the file; an interrupted last one is left out."""
@@ -141,6 +172,11 @@ class Checkpoint:
                     [record["direction"], record["value"]], tuple[str, float], "changes"
                 )
                 self.changes[key] = found
+                self.trials.clear()
+            elif "trial" in record:
+                self.trials.append(Trial.from_record(record))
+                if self.model is not None and self.trials[-1].attractor is not None:
+                    self.trials[-1].attractor.require(self.model)
             else:
                 self.tried.add(fit_value(record["tried"], float, "tried"))
         except DAMAGE as error:
@@ -197,6 +233,31 @@ class Checkpoint:
         self.changes[direction, value] = list(found)
         records = [transition.as_record() for transition in found]
         self._append({"direction": direction, "value": value, "changes": records})
+        self._forget_trials()
+
+    def _forget_trials(self) -> None:
+        """Leave trials out of the file; where it cannot be written, go on without."""
+        if self.trials and not self.lost:
+            try:
+                lines = [line for line in self._lines() if not line.startswith(TRIAL)]
+                write_text(self.path, "".join(f"{line}\n" for line in lines))
+            except InputError as error:
+                self.lost = str(error)
+        self.trials.clear()
+        self.known = iter(())
+
+    def next_trial(self, value: float, periods: int) -> Trial | None:
+        """Return the next trial that was made before an interruption, if it is this one."""
+        found = next(self.known, None)
+        if found is not None and (found.value, found.periods) != (value, periods):
+            self._forget_trials()
+            return None
+        return found
+
+    def keep_trial(self, trial: Trial) -> None:
+        """Keep one more trial."""
+        self.trials.append(trial)
+        self._append(trial.as_record())
 
 
 # Tables.

@@ -30,7 +30,7 @@ from ..schema import build_record
 from ..segments.kernels import Kernels
 from .attractor import OTHER, Attractor, Kind, distances_between, natural_sizes, states_apart
 from .run import Outcome, Run, State
-from .settle import require_attractors, settle, sojourns
+from .settle import require_attractors, settle, settle_again, sojourns
 from .simulator import Batch, Simulator, as_simulator, natural_places
 
 SAME = 1e-6
@@ -187,6 +187,10 @@ class Simulators:
     def at(self, value: float) -> Simulator:
         """Return the simulator at a value of the parameter."""
         return Simulator(self.model.replace(**{self.parameter: value}), self.kernels)
+
+    def lead(self, attractor: Attractor, value: float, settling: Settling) -> Attractor | None:
+        """Return what an attractor leads to at a value; None if that cannot be told."""
+        return settle_again(self.at(value), attractor, settling)
 
 
 @explain_arguments

@@ -23,7 +23,6 @@ from ..results.diagram import Diagram
 from ..results.options import SETTLING, Settling
 from ..schema import build_record
 from .attractor import Attractor, Kind, repetitions_of, solve_cycle
-from .settle import settle_again
 from .sweep import Row, Simulators, Sweep, same_attractor
 
 # Where an attractor ends between two values of a sweep.
@@ -109,7 +108,7 @@ def goes_on(simulators: Simulators, before: Row, after: Row, settling: Settling)
         return _motion_goes_on(simulators, before, after)
     if one.kind is not Kind.STICKING:
         return True
-    back = settle_again(simulators.at(before.value), other, settling)
+    back = simulators.lead(other, before.value, settling)
     return back is None or same_attractor(back, one)
 
 
@@ -189,7 +188,7 @@ def _settled_row(
 
 def _row(simulators: Simulators, before: Row, value: float, settling: Settling) -> Row | None:
     """What an attractor leads to at another value; None if that cannot be told."""
-    found = settle_again(simulators.at(value), before.attractor, settling)
+    found = simulators.lead(before.attractor, value, settling)
     return None if found is None else Row(before.direction, value, found)
 
 

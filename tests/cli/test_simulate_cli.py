@@ -237,7 +237,7 @@ def test_an_interruption_while_matplotlib_is_imported(scene_file, tmp_path):
     assert (out / "attractors.png").stat().st_size > 5000
 
 
-@pytest.mark.parametrize("after", [2, 9, 14])
+@pytest.mark.parametrize("after", [2, 9, 14, 29])
 @pytest.mark.full
 def test_interrupted_and_resumed(scene_file, simulated, tmp_path, monkeypatch, capsys, after):
     """Stopped after some rows, or after the sweeps, and resumed: the same bytes as in one go."""
@@ -275,7 +275,7 @@ def test_a_finished_run_is_resumed_without_work(scene_file, simulated, tmp_path,
         raise AssertionError("nothing is left to simulate")
 
     monkeypatch.setattr("contimpact.simulation.sweep.settle", forbidden)
-    monkeypatch.setattr("contimpact.simulation.transitions.settle_again", forbidden)
+    monkeypatch.setattr("contimpact.simulation.sweep.settle_again", forbidden)
     assert run(path, "-o", out, "--no-plot", "-q", "--resume") == 0
     assert {name: (out / name).read_bytes() for name in TABLES} == before
 
