@@ -428,10 +428,13 @@ def check_range(model: Model, parameter: str, value: float, limits: object) -> R
 
 class LeavingEnd(Policy):
     """Ends a walk where a parameter leaves its range, or where the kind says so; watched are the
-    `Limit` of each parameter but the last, and those of `Kind.curve_limits`."""
+    `Limit` of each parameter but the last, and those of `Kind.curve_limits`: where one of these
+    changes its sign and its zero is not located, as where the equations are singular, the walk ends
+    at the last point before."""
 
     def __init__(self, kind: Kind, watched: Sequence[TestFunction]) -> None:
         self.kind = kind
+        self.within: dict[EndKind, Point[CurvePoint]] = {}
         self.ranges = {test.kind: test.parameter for test in watched if isinstance(test, Limit)}
         self.ends = {test.kind: end for end, test in kind.curve_limits().items()}
 
@@ -444,6 +447,12 @@ class LeavingEnd(Policy):
         found += [(EndKind.RANGE, ranges[e.kind], e.point) for e in events if e.kind in ranges]
         if reached := self.kind.curve_end(point.evaluation.own):
             found.append((reached, first, point))
+        for test in self.kind.curve_limits().values():
+            end = self.ends[test.kind]
+            if np.all(test.values(point) >= 0.0):
+                self.within[end] = point
+            elif end in self.within:
+                found.append((end, first, self.within[end]))
         for end, parameter, at in found:
             return End.of(end, parameter, at.evaluation.parameter(parameter)), at
         return next(

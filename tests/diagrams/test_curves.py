@@ -5,12 +5,14 @@ from __future__ import annotations
 import dataclasses
 import math
 import tomllib
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from zoo import ROOT
 
-from contimpact.diagrams.curves import follow_curve
+from contimpact.continuation.branch import EndKind
+from contimpact.diagrams.curves import LeavingEnd, follow_curve
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.map_lines import same_curve
 from contimpact.diagrams.orbit_branch import continue_born, continue_orbit
@@ -50,6 +52,34 @@ def fold_of_symmetric_pair(r):
 def breaking_of_symmetric_pair(r):
     root = np.sqrt(4 * (1 + r) ** 2 + np.pi**2 * (1 - r) ** 2)
     return 2 * (1 + r) / root * (0.5 - 2 / np.pi**2)
+
+
+@dataclasses.dataclass
+class Place:
+    """A point of a curve at a value of the parameter, as an evaluation of itself."""
+
+    arclength: float
+    left: float
+
+    def __post_init__(self):
+        kernels = SimpleNamespace(parameter="s")
+        self.evaluation = SimpleNamespace(
+            problem=SimpleNamespace(orbit=SimpleNamespace(kernels=kernels)),
+            parameter=lambda name: self.arclength,
+            own=(),
+        )
+
+
+def test_a_walk_ends_before_a_limit_that_is_passed_and_not_located():
+    """As where the touch of a grazing reaches an impact at rest: the equations are singular."""
+    test = SimpleNamespace(kind="touch", values=lambda point: np.array([1.0, point.left]))
+    kind = SimpleNamespace(curve_limits=lambda: {EndKind.TOUCH: test}, curve_end=lambda own: None)
+    policy = LeavingEnd(kind, [])
+    within, beyond = Place(0.1, 0.2), Place(0.2, -0.1)
+    assert policy.accepted(within, []) is None
+    end, last = policy.accepted(beyond, [])
+    assert (end.kind, end.value, last) == (EndKind.TOUCH, 0.1, within)
+    assert LeavingEnd(kind, []).accepted(beyond, []) is None  # where it begins on the limit
 
 
 @pytest.mark.full
