@@ -114,6 +114,10 @@ class EndKind(enum.Enum):
         "pass each other"
     )
     TOUCH = "the touch reaches an impact of its own flight at {parameter} = {value:.12g}"
+    VANISHED = (
+        "beyond {parameter} = {value:.12g} the equations are solved by orbits without the "
+        "multiplier: an impact comes to rest, or a flight vanishes"
+    )
     RESONANCE = "the pair of multipliers meets on the real axis at {parameter} = {value:.12g}"
     PERIOD = (
         "the forcing's period is {times} times that of the start at {parameter} = {value:.12g} and "

@@ -18,7 +18,13 @@ from numpy.typing import ArrayLike
 from ..arrays import Array
 from ..bifurcations.codimension_two import GrazingCoincides, StopCoincides, double_orbit
 from ..bifurcations.declarations import REQUESTED
-from ..bifurcations.extended_system import EPSILON, ExtendedSystem, SystemEvaluation, solve
+from ..bifurcations.extended_system import (
+    EPSILON,
+    UNIT_CIRCLE,
+    ExtendedSystem,
+    SystemEvaluation,
+    solve,
+)
 from ..bifurcations.kind import Kind, Values, kind_of
 from ..continuation.branch import (
     End,
@@ -426,11 +432,16 @@ def check_range(model: Model, parameter: str, value: float, limits: object) -> R
     return low, high
 
 
+SLOW = 1e-6
+"""Orbits whose impacts are all faster than this part of the fastest have the multiplier they are
+solved for."""
+
+
 class LeavingEnd(Policy):
     """Ends a walk where a parameter leaves its range, or where the kind says so; watched are the
     `Limit` of each parameter but the last, and those of `Kind.curve_limits`: where one of these
     changes its sign and its zero is not located, as where the equations are singular, the walk ends
-    at the last point before."""
+    at the last point before; and so it does where its orbits lose the multiplier of the kind."""
 
     def __init__(self, kind: Kind, watched: Sequence[TestFunction]) -> None:
         self.kind = kind
@@ -453,12 +464,25 @@ class LeavingEnd(Policy):
                 self.within[end] = point
             elif end in self.within:
                 found.append((end, first, self.within[end]))
+        if self.has_multiplier(point):
+            self.within[EndKind.VANISHED] = point
+        elif EndKind.VANISHED in self.within:
+            found.append((EndKind.VANISHED, first, self.within[EndKind.VANISHED]))
         for end, parameter, at in found:
             return End.of(end, parameter, at.evaluation.parameter(parameter)), at
         return next(
             ((repetition_end(e.point), e.point) for e in events if e.kind == RepetitionTest.kind),
             None,
         )
+
+    def has_multiplier(self, point: Point[CurvePoint]) -> bool:
+        """Whether an orbit has the multiplier of the kind: where an impact is at rest, the
+        equations are solved without it, too."""
+        here, critical = point.evaluation.orbit, self.kind.multiplier
+        speeds = np.abs(here.problem.impacts(here.unknowns)[:, 1])
+        if critical is None or not np.any(speeds < SLOW * np.max(speeds, initial=0.0)):
+            return True
+        return bool(np.min(np.abs(here.multipliers - critical)) < UNIT_CIRCLE) and not here.resting
 
 
 class Limit(TestFunction):

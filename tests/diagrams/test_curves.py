@@ -59,7 +59,9 @@ class Place:
     """A point of a curve at a value of the parameter, as an evaluation of itself."""
 
     arclength: float
-    left: float
+    left: float = 0.0
+    multipliers: tuple = ()
+    resting: tuple = ()
 
     def __post_init__(self):
         kernels = SimpleNamespace(parameter="s")
@@ -67,19 +69,40 @@ class Place:
             problem=SimpleNamespace(orbit=SimpleNamespace(kernels=kernels)),
             parameter=lambda name: self.arclength,
             own=(),
+            orbit=SimpleNamespace(
+                multipliers=np.array(self.multipliers),
+                resting=self.resting,
+                unknowns=(),
+                problem=SimpleNamespace(
+                    impacts=lambda unknowns: np.array([[0.0, 1.0], [1.0, 0.0]])
+                ),
+            ),
         )
 
 
 def test_a_walk_ends_before_a_limit_that_is_passed_and_not_located():
     """As where the touch of a grazing reaches an impact at rest: the equations are singular."""
     test = SimpleNamespace(kind="touch", values=lambda point: np.array([1.0, point.left]))
-    kind = SimpleNamespace(curve_limits=lambda: {EndKind.TOUCH: test}, curve_end=lambda own: None)
+    limits = {EndKind.TOUCH: test}
+    kind = SimpleNamespace(curve_limits=lambda: limits, curve_end=lambda own: None, multiplier=None)
     policy = LeavingEnd(kind, [])
     within, beyond = Place(0.1, 0.2), Place(0.2, -0.1)
     assert policy.accepted(within, []) is None
     end, last = policy.accepted(beyond, [])
     assert (end.kind, end.value, last) == (EndKind.TOUCH, 0.1, within)
     assert LeavingEnd(kind, []).accepted(beyond, []) is None  # where it begins on the limit
+
+
+@pytest.mark.parametrize("last", [{"multipliers": (-1.2, 0.5)}, {"resting": (1,)}])
+def test_a_curve_ends_where_its_orbits_lose_the_multiplier(last):
+    """A curve of PD of a soft stop continued along that of the V at which the contact vanishes."""
+    kind = SimpleNamespace(curve_limits=dict, curve_end=lambda own: None, multiplier=-1.0)
+    policy = LeavingEnd(kind, [])
+    at_rest, within = Place(0.0, resting=(1,), multipliers=(-1.0,)), Place(0.1, multipliers=(-1.0,))
+    assert policy.accepted(at_rest, []) is None  # where it begins at a V
+    assert policy.accepted(within, []) is None
+    end, place = policy.accepted(Place(0.2, **{"multipliers": (-1.0,)} | last), [])
+    assert (end.kind, end.value, place) == (EndKind.VANISHED, 0.1, within)
 
 
 @pytest.mark.full
