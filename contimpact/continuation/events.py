@@ -232,6 +232,8 @@ def locate(
         return None if _enters(test, arc, index, a, b) else missed(JUMPS, a, b)
     event = _locate_by_bracket(test, arc, guess, index, 0.0 if value == 0.0 else b - a)
     jumps = max(abs(fa), abs(fb)) > JUMPED * most and value != 0.0
+    if jumps and _enters(test, arc, index, a, b):
+        return None
     return missed(JUMPS, a, b) if jumps and test.accept(event) else event
 
 

@@ -371,6 +371,29 @@ def test_a_jump_is_not_an_event(function, direction):
     assert min(missed.parameters) <= 0.4 <= max(missed.parameters)
 
 
+class Entering(TestFunction):
+    """A value that jumps at 0.4, where what it is of comes from elsewhere."""
+
+    kind = "mine"
+
+    def __init__(self, before):
+        self.before = before
+
+    def values(self, point):
+        return np.array([1.0 if point.parameter < 0.4 else -self.before])
+
+    def enters(self, point, index):
+        return abs(point.parameter - 0.4) < 1e-9
+
+
+@pytest.mark.parametrize("before", [1.0, 1e-3])
+def test_a_value_that_enters_is_not_missed_however_small_it_is(before):
+    """An extremum 7e-4 beyond a wall entered across the impact of another body."""
+    tests = [Entering(before)]
+    found = walk(LINE, np.zeros(2), 1, parameter="p", limits=(0.0, 0.8), tests=tests)
+    assert (found.events, found.missed) == ([], [])
+
+
 def test_a_zero_next_to_a_jump_is_still_found():
     tests = [user(lambda p: p.parameter - 0.2 if p.parameter < 0.4 else p.parameter - 1.0)]
     found = follow(LINE, [0.0, 0.0], 1, tests)
