@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import asdict
 from pathlib import Path
@@ -21,7 +20,7 @@ from .. import __version__
 from ..errors import DAMAGE, InputError, explain_arguments, short_repr
 from ..models.model import Model
 from ..orbits.orbit import Orbit
-from ..results.branch import Branch, Entry, model_by_name, orbit_with
+from ..results.branch import Branch, Entry, coordinates, model_by_name, orbit_with
 from ..results.catalogue import (
     BRANCH,
     CURVE,
@@ -38,6 +37,7 @@ from ..results.catalogue import (
 from ..results.curve import Curve
 from ..results.diagram import Diagram
 from ..schema import build_record, fit_value
+from ..segments.kernels import Kernels
 from ..storage import (
     Json,
     append_line,
@@ -56,7 +56,6 @@ from .run import RUN_COLUMNS, WIDER, Outcome, Run, State
 from .sweep import WRITTEN, Row, Sweep, table_of
 
 if TYPE_CHECKING:
-    from ..segments.kernels import Kernels
     from ..systems.membrane import Membrane
     from .energy import Energy, Losses
     from .sweep import Coverage
@@ -279,27 +278,31 @@ def sweep_of(path: Path, model: Model) -> Sweep:
     Raises InputError if the file is damaged, or of another system.
     """
     parameter, table = sweep_cells(path)
+    kernels = Kernels(model, parameter)
     with check_reading(path, SWEEP):
-        rows = [_attractor_row(cells, model, parameter) for cells in table]
+        rows = [_attractor_row(cells, model, parameter, kernels) for cells in table]
     return Sweep(model, parameter, rows)
 
 
-def _attractor_row(cells: Mapping[str, str], model: Model, parameter: str) -> Row:
+def _attractor_row(cells: Mapping[str, str], model: Model, parameter: str, kernels: Kernels) -> Row:
     values = {name: float(cells[name]) for name in (*model.values, *model.DERIVED)}
     count = sum(bool(cells.get(f"wall{k + 1}")) for k in range(WRITTEN))
     walls = [cells[f"wall{k + 1}"] for k in range(count)]
-    times, velocities = ([float(cells[f"{n}{k + 1}"]) for k in range(count)] for n in "tv")
+    names = coordinates(model.unknowns_per_impact)
+    table = [[float(cells[f"{name}{k + 1}"]) for name in names] for k in range(count)]
+    impacts = np.array(table).reshape(count, len(names))
     attractor = Attractor(
         Kind(cells["kind"]),
         values,
         cells["notation"],
-        math.nan,
+        float(kernels.setup(*(values[name] for name in model.values)).period),
         cells["word"] or None,
         int(cells["period"]) if cells["period"] else None,
         np.array([model.letters.index(wall.rstrip("*")) for wall in walls], dtype=np.int8),
-        np.array(times),
-        np.array(velocities),
+        impacts[:, 0],
+        impacts[:, 1],
         np.array([wall.endswith("*") for wall in walls], dtype=bool),
+        impacts[:, 2:],
     )
     return Row(cells["direction"], values[parameter], attractor)
 

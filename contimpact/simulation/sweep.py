@@ -857,11 +857,13 @@ def begins_with(orbit: Orbit, word: Word, first: tuple[float, float]) -> bool:
 
 
 def _distance(attractor: Attractor, word: str, orbit: Array) -> float:
-    """Largest difference in natural sizes, the least over the rotations of the word."""
+    """Largest difference in natural sizes, the least over the rotations of the word; of long words
+    a file has the first impacts alone."""
     letters, table = attractor.word or "", _table(attractor)
     sizes = natural_sizes(table[:, 1:], attractor.forcing_period)
     shifts = [k for k in range(len(word)) if word[k:] + word[:k] == letters]
-    apart = [states_apart(np.roll(orbit, -k, axis=0) - table, sizes) for k in shifts]
+    turned = (np.roll(orbit, -k, axis=0)[: len(table)] for k in shifts)
+    apart = [states_apart(each - table, sizes) for each in turned]
     return min((float(np.max(each)) for each in apart), default=math.inf)
 
 

@@ -6,6 +6,7 @@ import csv
 import importlib.util
 import json
 import math
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -29,6 +30,7 @@ from contimpact.systems.impact_pair import ImpactPair
 
 pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
 
+STILL = ("0", "no impact")
 PAIR = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.4)
 
 
@@ -246,3 +248,22 @@ def test_bars(fig7):
         "2:1",
     ]
     assert len(ax.patches) == len(fig7.motions)
+
+
+@pytest.mark.parametrize("name", ["fig7", "two_masses"])
+def test_attractors_in_a_file_are_matched_with_branches(tmp_path, name):
+    """Without coverage.json, as after an interruption, what lies on branches is not listed twice.
+
+    Motions without impacts are the exception: their rows do not say where they are.
+    """
+    shipped = ROOT / "branches" / name
+    folder = shutil.copytree(shipped, tmp_path / name)
+    expected = load_ranges(folder)
+    next((folder / "simulation").glob("coverage.json*")).unlink()
+
+    def listed(found):
+        return [
+            (m.notation, m.branch, m.simulated) for m in found.motions if m.notation not in STILL
+        ]
+
+    assert listed(load_ranges(folder)) == listed(expected)
