@@ -428,12 +428,12 @@ class Kernels:
             if folder
             else None
         )
-        source = _read(path, key) if path else None
+        source = (_read(path, key) if path else None) or _unwritten.get(key)
         if source is None:
             source = self._generate(name, key)
             self.generated.append(name)
-            if path:
-                _write(path, source)
+            if not (path and _write(path, source)):
+                _unwritten[key] = source
         else:
             self.loaded.append(name)
         return _function_of(name, source, str(path or f"<kernel {name}>"))
@@ -463,6 +463,9 @@ class Kernels:
 _function_of = functools.lru_cache(maxsize=1024)(kernel_of)
 """Kernels are the same functions for all who load the same text."""
 
+_unwritten: dict[str, str] = {}
+"""Sources by their keys that the cache could not keep: this process generates them once."""
+
 
 def _digest(body: str) -> str:
     return hashlib.sha256(body.encode()).hexdigest()
@@ -486,8 +489,11 @@ def _read(path: Path, key: str) -> str | None:
     return source
 
 
-def _write(path: Path, source: str) -> None:
+def _write(path: Path, source: str) -> bool:
+    """Put a source into the cache; False where that fails."""
     try:
         store_file(path, source.encode())
     except OSError as error:
         warn_uncached(path.parent, error)
+        return False
+    return True

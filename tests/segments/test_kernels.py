@@ -456,6 +456,7 @@ def test_kernels_are_scalar(pair, kernels_of):
 # The cache
 
 QUICK = "motion_B"
+UNWRITTEN = "contimpact.segments.kernels._unwritten"
 
 
 @pytest.fixture
@@ -563,10 +564,13 @@ def test_folder_that_is_a_file(pair, tmp_path, monkeypatch, caplog):
     (tmp_path / "file").write_text("not a folder")
     for place in (tmp_path / "file", tmp_path / "file" / "below"):
         monkeypatch.setenv("CONTIMPACT_CACHE", str(place))
+        monkeypatch.setattr(UNWRITTEN, {})
         caplog.clear()
         kernels, out = evaluated(pair())
         assert kernels.generated == [QUICK]
         assert all(map(math.isfinite, out))
+        again, same = evaluated(pair())  # other searches, and each orbit, have kernels of their own
+        assert (again.generated, same) == ([], out)
         assert any("not cached" in message for message in warnings_of(caplog))
     assert (tmp_path / "file").read_text() == "not a folder"
 
@@ -576,9 +580,12 @@ def test_folder_that_cannot_be_written(pair, folder, monkeypatch, caplog):
         raise PermissionError("read-only")
 
     monkeypatch.setattr(os, "replace", refuse)
+    monkeypatch.setattr(UNWRITTEN, {})
     kernels, out = evaluated(pair())
     assert kernels.generated == [QUICK]
     assert all(map(math.isfinite, out))
+    again, same = evaluated(pair())
+    assert (again.generated, same) == ([], out)
     evaluated(pair(), name="motion_T")
     (said,) = warnings_of(caplog)
     assert "not cached" in said
