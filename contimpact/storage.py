@@ -272,15 +272,20 @@ def digests(folder: Path, names: Iterable[str]) -> dict[str, str]:
     return {name: found for name in names if (found := sha256(folder / name))}
 
 
+def _packed(path: Path) -> Path:
+    """The path of a file's compressed form; a path such as ``.`` has no name to change."""
+    return Path(f"{path}{PACKED}")
+
+
 def is_there(path: Path) -> bool:
     """Return whether a file can be read, as it is or from its compressed form."""
-    return path.exists() or path.with_name(path.name + PACKED).exists()
+    return path.exists() or _packed(path).exists()
 
 
 @contextlib.contextmanager
 def open_plain(path: Path) -> Iterator[BinaryIO]:
     """Open a plain file, or where there is none its compressed form, for reading."""
-    packed = path.with_name(path.name + PACKED)
+    packed = _packed(path)
     if not os.path.lexists(path) and packed.exists():
         with open_plain(packed) as file, lzma.open(file) as content:
             try:

@@ -8,6 +8,7 @@ import stat
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -95,6 +96,13 @@ def test_only_plain_files_are_read(tmp_path):
             read_plain(tmp_path / name)
     with pytest.raises(FileNotFoundError):
         read_plain(tmp_path / "nothing")
+
+
+def test_a_path_without_a_name_is_a_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for path in (Path("."), Path("/")):
+        with pytest.raises(IsADirectoryError):
+            read_plain(path)
 
 
 def test_other_hidden_files_stay(tmp_path):
