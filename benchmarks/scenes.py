@@ -34,13 +34,9 @@ def run(scene: str, checkout: Path, folder: Path, mode: str = "auto") -> tuple[f
     out = Path(tempfile.mkdtemp(dir=folder)) / scene
     paths = {"CONTIMPACT_CACHE": str(folder / "cache"), "XDG_CACHE_HOME": str(folder / "xdg")}
     environment = {**os.environ, **paths, "PYTHONPATH": str(checkout), "CONTIMPACT_COMPILED": mode}
-    command = [
-        sys.executable,
-        "-m",
-        "contimpact",
-        "run",
-        str(ROOT / f"branches/{scene}/scene.toml"),
-    ]
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)  # as where the package is installed
+    file = ROOT / "branches" / scene / "scene.toml"
+    command = [sys.executable, "-m", "contimpact", "run", str(file)]
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     options = ["--no-plot", "-q", "-o", str(out)]
     subprocess.run([*command, *options], check=True, cwd=checkout, env=environment)
