@@ -239,6 +239,7 @@ def attractor_ranges(
     else:
         if coverage is None:
             coverage = cover(sweep, diagram)
+            notes += _unmatched(sweep, diagram)
         rest, counts = _split(sweep, coverage, motions)
         motions = [replace(m, simulated=counts[k]) for k, m in enumerate(motions)]
         simulated, more = _simulated(rest, sweep, diagram, brackets, motions, shares)
@@ -355,6 +356,18 @@ def _speeds(branch: Branch, interval: Interval) -> tuple[list[float], list[float
 
 
 # Simulated attractors that lie on no branch.
+
+
+def _unmatched(sweep: Sweep, diagram: Diagram) -> list[str]:
+    """A remark on motion without impacts whose rows do not say where it is, as those of a table."""
+    branches = [branch.id for branch in diagram.branches if not branch.word]
+    still = (row.attractor for row in sweep.rows if not row.attractor.walls.size)
+    if not branches or all(one.motion is not None for one in still):
+        return []
+    return [
+        f"simulated motion without impacts may be that of {' or '.join(branches)}, and is then "
+        "listed twice: simulate with branches = true"
+    ]
 
 
 def _split(

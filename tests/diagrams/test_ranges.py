@@ -250,11 +250,12 @@ def test_bars(fig7):
     assert len(ax.patches) == len(fig7.motions)
 
 
-@pytest.mark.parametrize("name", ["fig7", "two_masses"])
+@pytest.mark.parametrize("name", ["fig7", "two_masses", "stiff"])
 def test_attractors_in_a_file_are_matched_with_branches(tmp_path, name):
     """Without coverage.json, as after an interruption, what lies on branches is not listed twice.
 
-    Motions without impacts are the exception: their rows do not say where they are.
+    Motions without impacts are the exception: their rows do not say where they are, and a note
+    does.
     """
     shipped = ROOT / "branches" / name
     folder = shutil.copytree(shipped, tmp_path / name)
@@ -266,4 +267,8 @@ def test_attractors_in_a_file_are_matched_with_branches(tmp_path, name):
             (m.notation, m.branch, m.simulated) for m in found.motions if m.notation not in STILL
         ]
 
-    assert listed(load_ranges(folder)) == listed(expected)
+    found = load_ranges(folder)
+    assert listed(found) == listed(expected)
+    still = any(not branch.word for branch in ci.load_diagram(folder).branches)
+    assert any("listed twice: simulate" in note for note in found.notes) is still
+    assert not any("listed twice: simulate" in note for note in expected.notes)
