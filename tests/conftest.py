@@ -9,6 +9,7 @@ from __future__ import annotations
 import gc
 import math
 import os
+import sys
 from collections import Counter
 from functools import cache
 from pathlib import Path
@@ -81,6 +82,13 @@ def compiled_where_it_pays(kernel_cache):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("CONTIMPACT_COMPILED", "auto")
         yield
+
+
+@pytest.fixture(autouse=True)
+def no_kernel_is_kept_in_memory():
+    """As in a process of its own, whose cache can be written."""
+    if kernels := sys.modules.get("contimpact.segments.kernels"):
+        kernels._unwritten.clear()
 
 
 @pytest.fixture(scope="session", autouse=True)
