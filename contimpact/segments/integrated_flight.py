@@ -188,9 +188,6 @@ def _identity(
     return ALONG if along else FLOWN, field, directions, str(tolerance)
 
 
-AT_ONCE = 0.0
-"""Seconds of flights without them after which programs pay: heyoka's take as long to compile."""
-
 FLOWN, ALONG = "flown", "flown along"
 """Begin the identities of programs: of flights, and of those whose numbers change along a
 direction."""
@@ -208,7 +205,8 @@ def _run_program(
         return None
     flight = flight_by_series(field, directions, along, SOME_STEPS, tolerance)
     identity, count = _identity(field, directions, along, tolerance), rows.shape[1]
-    run = load(identity, "FfF", lambda: _program(flight.function, count), AT_ONCE)
+    # it pays at once: heyoka's integrator takes as long to compile
+    run = load(identity, "FfF", lambda: _program(flight.function, count), after=0.0)
     if run is None:
         return None
     sides = 2 if along else 1
