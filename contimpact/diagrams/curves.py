@@ -437,6 +437,10 @@ SLOW = 1e-6
 solved for."""
 
 
+UNLOCATED = ", or up to a step beyond: that place is not located"
+"""What is said of an end where a limit is passed, and not located."""
+
+
 class LeavingEnd(Policy):
     """Ends a walk where a parameter leaves its range, or where the kind says so; watched are the
     `Limit` of each parameter but the last, and those of `Kind.curve_limits`: where one of these
@@ -458,18 +462,23 @@ class LeavingEnd(Policy):
         found += [(EndKind.RANGE, ranges[e.kind], e.point) for e in events if e.kind in ranges]
         if reached := self.kind.curve_end(point.evaluation.own):
             found.append((reached, first, point))
+        lost: list[tuple[End, Point]] = []
         for test in self.kind.curve_limits().values():
             end = self.ends[test.kind]
             if np.all(test.values(point) >= 0.0):
                 self.within[end] = point
             elif end in self.within:
-                found.append((end, first, self.within[end]))
+                last = self.within[end]
+                told = End.of(end, first, last.evaluation.parameter(first))
+                lost.append((replace(told, message=f"{told.message}{UNLOCATED}"), last))
         if self.has_multiplier(point):
             self.within[EndKind.VANISHED] = point
         elif EndKind.VANISHED in self.within:
             found.append((EndKind.VANISHED, first, self.within[EndKind.VANISHED]))
         for end, parameter, at in found:
             return End.of(end, parameter, at.evaluation.parameter(parameter)), at
+        if lost:
+            return lost[0]
         return next(
             ((repetition_end(e.point), e.point) for e in events if e.kind == RepetitionTest.kind),
             None,

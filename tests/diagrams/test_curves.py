@@ -90,6 +90,7 @@ def test_a_walk_ends_before_a_limit_that_is_passed_and_not_located():
     assert policy.accepted(within, []) is None
     end, last = policy.accepted(beyond, [])
     assert (end.kind, end.value, last) == (EndKind.TOUCH, 0.1, within)
+    assert "0.1, or up to a step beyond: that place is not located" in end.message
     assert LeavingEnd(kind, []).accepted(beyond, []) is None  # where it begins on the limit
 
 
