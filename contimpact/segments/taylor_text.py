@@ -1,11 +1,13 @@
 """The text of an integrated flight by Taylor's method, in the plain subset of Python.
 
-A quantity is a truncated series in the time s, with its derivatives by the directions: a row of
-1 + D numbers for each order. All rows of one order stand side by side in a vector, one order after
-the other. Sums and products are those of series. An elementary function y = f(a) follows from
-y' = f'(a) a', by series of f'(a) and a, and its derivatives by the directions are those of a times
-f'(a): f'(a) is a series of its own, which y itself, its companion (of sin, cos) or a product leads
-to. Quantities that do not change along a flight, or change linearly with the time, have no rows.
+A quantity is a truncated series in the time s. The coefficients of one order of all quantities
+stand side by side in a vector, one order after the other. Sums, products, quotients and roots are
+those of series. Another elementary function y = f(a) follows from y' = f'(a) a', by the series of
+f'(a), which y itself, its companion (of sin, cos) or a product leads to. Quantities that do not
+change along a flight, or change linearly with the time, have no series.
+
+Derivatives are quantities like others. Those of the state by the directions solve the variational
+equations: the derivatives of the forces by the state multiply them, all directions side by side.
 """
 
 from __future__ import annotations
@@ -21,20 +23,15 @@ from .integration import may_hide, statement
 
 
 class Quantity(NamedTuple):
-    """A series: what it changes with, the directions it depends on, and where it is found."""
+    """A series: what it changes with, and where it is found."""
 
     degree: int
     """0 of a constant, 1 of what is linear in the time, 2 of all others."""
-    by: frozenset[int]
-    """Places in its row of the derivatives that it has."""
     place: str
-    """Where its row begins; of others the number that names them."""
+    """Where its coefficient is; of others the number that names them."""
 
 
 CONSTANT, LINEAR, GENERAL = range(3)
-
-NOTHING: frozenset[int] = frozenset()
-
 
 ALONG = "*"
 """The direction of second derivatives."""
@@ -43,10 +40,9 @@ ALONG = "*"
 class Writer:
     """Writes the text of a flight.
 
-    Constants are numbers ``c7_0``, with derivatives ``c7_2`` at their places in a row. What is
-    linear in the time has them at the start of each step, ``c7_0``, and as rates, ``r7_0``. For
-    derivatives `along` a direction of all that a flight depends on, each row has those of the
-    quantity and of its derivatives behind these.
+    Constants are numbers ``c7``. What is linear in the time has the number ``c7`` at the start of
+    each step, and the rate ``r7``. For derivatives `along` a direction of all that a flight depends
+    on, those of the state and of its derivatives by the directions are integrated, too.
 
     Derivatives by the duration are not integrated: where v' = D f, that of the velocity is s f.
     Nor are those by what no acceleration mentions, which are zero.
@@ -55,334 +51,247 @@ class Writer:
     def __init__(self, field: str, asked: tuple[str, ...], along: bool = False) -> None:
         self.field, self.stated, self.asked = field, statement(field), asked
         self.hides = may_hide(field)
-        self.freedom = d = self.stated.freedom
+        d = self.freedom = self.stated.freedom
         trees = map(parse_expression, self.stated.accelerations)
         matter = {
             node.id for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Name)
         }
         matter |= {f"v{i}" for i in range(d)}
-        self.directions = directions = tuple(name for name in asked if name in matter)
-        singles = [frozenset[str](), *(frozenset({name}) for name in directions)]
-        self.parts = singles + [part | {ALONG} for part in singles] if along else singles
-        self.along = frozenset({len(singles)}) if along else NOTHING
-        self.width = len(self.parts)
+        self.directions = tuple(name for name in asked if name in matter)
+        self.sides = ("", ALONG) if along else ("",)
         self.once: list[str] = []
         """Lines for a flight, a step, and an order of the series."""
         self.each_step: list[str] = []
         self.each_order: list[str] = []
         self.known: dict[tuple[object, ...], Quantity] = {}
+        self.origins: dict[Quantity, tuple[object, ...]] = {}
+        """What quantities are made of."""
+        self.derived: dict[tuple[Quantity, str], Quantity | None] = {}
         self.count = 0
         self.stride = 0
         """Numbers of a vector: those of the state, and of all other rows."""
         self.helpers: dict[str, str] = {}
-        every = frozenset(range(1, self.width))
-        rows = [self.new_row(every) for _ in range(2 * d)]
-        self.means, self.speeds = rows[:d], rows[d:]
-        sides = (0, *self.along) if "dt" in asked else ()
-        self.by_duration = {
-            (i, j): self.stride + 2 * d * n + i for n, j in enumerate(sides) for i in range(2 * d)
+        self.rows = {
+            side: [self.new_quantity(GENERAL) for _ in range(2 * d)] for side in self.sides
         }
-        """Places of the derivatives of the state by the duration."""
-        self.stride += len(self.by_duration)
+        """The state, mean velocities and velocities, and what it changes by."""
+        self.by_duration = self.new_places(1) if "dt" in asked else {}
+        self.varied = self.new_places(len(self.directions))
+        """Places of its derivatives by the duration, and by the first direction."""
         self.state = [f"s{i}" for i in range(self.stride)]
         """Names of the numbers of the state at the end of a step."""
         names = self.stated.names
         self.given = {name: f"g{i}" for i, name in enumerate(names)}
-        self.variables = {name: self.number(self.given[name], name) for name in names}
-        self.start = dict(self.variables)
-        self.variables["t"] = self.time()
+        self.start = {name: self.number(given) for name, given in self.given.items()}
+        self.variables = self.start | {"t": self.time("g")}
         for i in range(d):
-            self.variables[f"x{i}"] = self.position(i)
-            self.variables[f"v{i}"] = self.speeds[i]
+            path = self.product(self.start["dt"], self.rows[""][i])
+            self.variables[f"x{i}"] = self.sum(path, self.start[f"x{i}"])
+            self.variables[f"v{i}"] = self.rows[""][d + i]
+        one = self.number("1.0")
+        self.seeds = {name: {number: one} for name, number in self.start.items()}
+        """Derivatives of what is made of no other quantities."""
+        self.seeds["t"] = {self.variables["t"]: one}
+        self.seeds |= {row.place: {row: one} for row in self.rows[""]}
+        if along:
+            others = (self.number(given.replace("g", "e")) for given in self.given.values())
+            self.seeds[ALONG] = {
+                **dict(zip(self.start.values(), others, strict=True)),
+                **dict(zip(self.rows[""], self.rows[ALONG], strict=True)),
+                self.variables["t"]: self.time("e"),
+            }
 
     # Names and places.
 
-    def new(self) -> str:
+    def new_quantity(self, degree: int) -> Quantity:
+        if degree == GENERAL:
+            self.stride += 1
+            return Quantity(GENERAL, str(self.stride - 1))
         self.count += 1
-        return str(self.count)
+        return Quantity(degree, str(self.count))
 
-    def new_row(self, by: frozenset[int]) -> Quantity:
-        self.stride += self.width
-        return Quantity(GENERAL, by, str(self.stride - self.width))
-
-    def new_quantity(self, degree: int, by: frozenset[int]) -> Quantity:
-        return self.new_row(by) if degree == GENERAL else Quantity(degree, by, self.new())
+    def new_places(self, width: int) -> dict[tuple[str, int], int]:
+        """Places for what belongs to each number of the state, and for what it changes by."""
+        keys = [(side, i) for side in self.sides for i in range(2 * self.freedom)]
+        found = {key: self.stride + width * n for n, key in enumerate(keys)}
+        self.stride += width * len(keys)
+        return found
 
     def lines_of(self, a: Quantity) -> list[str]:
         """Where a quantity is computed."""
         return (self.once, self.each_step, self.each_order)[a.degree]
 
-    def at(self, a: Quantity, j: int = 0) -> str:
-        """Its coefficient of the order under way, or a derivative of that."""
-        if j != 0 and j not in a.by:
-            return "0.0"
-        return f"c{a.place}_{j}" if a.degree < GENERAL else f"r[{int(a.place) + j}]"
+    def at(self, a: Quantity) -> str:
+        """Its coefficient of the order under way; at the start of a step, if it has no others."""
+        return f"r[{a.place}]" if a.degree == GENERAL else f"c{a.place}"
 
-    def rate(self, a: Quantity, j: int = 0) -> str:
-        """The rate of what is linear in the time."""
-        return f"r{a.place}_{j}" if j in a.by or j == 0 else "0.0"
+    def rate(self, a: Quantity) -> str:
+        """The coefficient of the first order of what has no series."""
+        return f"r{a.place}" if a.degree == LINEAR else "0.0"
 
-    def splits(self, a: Quantity, b: Quantity, j: int) -> list[tuple[int, int]]:
-        """The places of the factors in the derivative of a product."""
-        return [
-            (k, other)
-            for k in (0, *sorted(a.by))
-            if self.parts[k] <= self.parts[j]
-            if (other := self.parts.index(self.parts[j] - self.parts[k])) in b.by or other == 0
-        ]
-
-    # What a flight is given.
-
-    def number(self, text: str, name: str = "") -> Quantity:
-        """A constant that is given, or known."""
-        key = "number", text
-        if key not in self.known:
-            own = {self.directions.index(name) + 1} if name in self.directions else set[int]()
-            by = frozenset(own) | (self.along if name else NOTHING)
-            made = self.known[key] = Quantity(CONSTANT, by, self.new())
-            self.once.append(f"{self.at(made)} = {text}")
-            self.once += [f"{self.at(made, j)} = 1.0" for j in own]
-            self.once += [f"{self.at(made, j)} = {text.replace('g', 'e')}" for j in by - own]
-        return self.known[key]
-
-    def time(self) -> Quantity:
-        """The time, linear in the part of the flight."""
-        length, begun = self.start["dt"], self.start["t"]
-        made = Quantity(LINEAR, length.by | begun.by, self.new())
-        for j in (0, *made.by):
-            self.once.append(f"{self.rate(made, j)} = {self.at(length, j)}")
-            text = f"{self.at(begun, j)} + at * {self.at(length, j)}"
-            self.each_step.append(f"{self.at(made, j)} = {text}")
-        return made
-
-    def position(self, i: int) -> Quantity:
-        """A position, from the mean velocity."""
-        mean, length, begun = self.means[i], self.start["dt"], self.start[f"x{i}"]
-        made = self.new_row(mean.by)
-        for j in range(self.width):
-            self.each_order.append(f"{self.at(made, j)} = {self.scaled(length, mean, j, self.at)}")
-        self.each_order.append("if k == 0:")
-        for j in (0, *begun.by):
-            self.each_order.append(f"    {self.at(made, j)} += {self.at(begun, j)}")
-        return made
-
-    # Sums and products.
+    def coefficient(self, a: Quantity) -> str:
+        """Its coefficient of the order under way, whatever it is."""
+        if a.degree == GENERAL:
+            return self.at(a)
+        later = f"{self.rate(a)} if k == 1 else 0.0" if a.degree == LINEAR else "0.0"
+        return f"({self.at(a)} if k == 0 else {later})"
 
     def combined(self, *key: object, make: Callable[[], Quantity]) -> Quantity:
         if key not in self.known:
-            self.known[key] = make()
+            made = self.known[key] = make()
+            self.origins.setdefault(made, key)
         return self.known[key]
+
+    # What a flight is given.
+
+    def number(self, text: str) -> Quantity:
+        """A constant that is given, or known."""
+        return self.combined("number", text, make=lambda: self._number(text))
+
+    def _number(self, text: str) -> Quantity:
+        made = self.new_quantity(CONSTANT)
+        self.once.append(f"{self.at(made)} = {text}")
+        return made
+
+    def time(self, letter: str) -> Quantity:
+        """The time, linear in the part of the flight, or how it changes."""
+        length, begun = (self.given[name].replace("g", letter) for name in ("dt", "t"))
+        made = self.new_quantity(LINEAR)
+        self.once.append(f"{self.rate(made)} = {length}")
+        self.each_step.append(f"{self.at(made)} = {begun} + at * {length}")
+        return made
+
+    # Sums, products and quotients.
 
     def sum(self, a: Quantity, b: Quantity, sign: str = "+") -> Quantity:
         return self.combined("sum", a, b, sign, make=lambda: self._sum(a, b, sign))
 
     def _sum(self, a: Quantity, b: Quantity, sign: str) -> Quantity:
-        by, degree = a.by | b.by, max(a.degree, b.degree)
-        if degree < GENERAL:
-            made = Quantity(degree, by, self.new())
-            lines = self.once if degree == CONSTANT else self.each_step
-            for j in (0, *by):
-                lines.append(f"{self.at(made, j)} = {self.at(a, j)} {sign} {self.at(b, j)}")
-            if degree == LINEAR:
-                for j in (0, *by):
-                    one, other = (self.rate(x, j) if x.degree == LINEAR else "0.0" for x in (a, b))
-                    self.once.append(f"{self.rate(made, j)} = {one} {sign} {other}")
-            return made
-        made = self.new_row(by)
-        a, b = (self.general(x) if x.degree == LINEAR else x for x in (a, b))
-        both = [x for x in (a, b) if x.degree == GENERAL]
-        minus = "-" if sign == "-" else ""
-        for j in (0, *by):
-            if len(both) == 2:
-                text = f"{self.at(a, j)} {sign} {self.at(b, j)}"
-            else:
-                text = f"{minus if both[0] is b else ''}{self.at(both[0], j)}"
-            self.each_order.append(f"{self.at(made, j)} = {text}")
-        if len(both) == 1:
-            rest = a if both[0] is b else b
-            how = f"{minus}=" if minus and rest is b else "+="
-            self.each_order.append("if k == 0:")
-            for j in (0, *rest.by):
-                self.each_order.append(f"    {self.at(made, j)} {how} {self.at(rest, j)}")
+        made = self.new_quantity(max(a.degree, b.degree))
+        part = self.coefficient if made.degree == GENERAL else self.at
+        self.lines_of(made).append(f"{self.at(made)} = {part(a)} {sign} {part(b)}")
+        if made.degree == LINEAR:
+            self.once.append(f"{self.rate(made)} = {self.rate(a)} {sign} {self.rate(b)}")
         return made
 
-    def general(self, a: Quantity) -> Quantity:
-        """The same with rows."""
+    def series(self, a: Quantity) -> Quantity:
+        """The same with coefficients of all orders."""
         if a.degree == GENERAL:
             return a
-        return self.combined("general", a, make=lambda: self._general(a))
+        return self.combined("series", a, make=lambda: self._series(a))
 
-    def _general(self, a: Quantity) -> Quantity:
-        made = self.new_row(a.by)
-        for j in (0, *a.by):
-            later = f"({self.rate(a, j)} if k == 1 else 0.0)" if a.degree == LINEAR else "0.0"
-            self.each_order.append(f"{self.at(made, j)} = {self.at(a, j)} if k == 0 else {later}")
+    def _series(self, a: Quantity) -> Quantity:
+        made = self.new_quantity(GENERAL)
+        self.each_order.append(f"{self.at(made)} = {self.coefficient(a)}")
         return made
 
     def product(self, a: Quantity, b: Quantity) -> Quantity:
+        """A product, whose constant factors come first."""
         if b.degree < a.degree:
             a, b = b, a
+        if a == self.number("1.0"):
+            return b
+        for one, other in ((a, b), (b, a)):
+            match self.origins.get(one):
+                case ("product", Quantity(degree=0) as factor, Quantity() as rest) if one.degree:
+                    if other.degree == CONSTANT:
+                        return self.product(self.product(factor, other), rest)
+                    return self.product(factor, self.product(rest, other))
         return self.combined("product", a, b, make=lambda: self._product(a, b))
 
     def _product(self, a: Quantity, b: Quantity) -> Quantity:
-        by = frozenset(j for j in range(1, self.width) if self.splits(a, b, j))
-        if a.degree == CONSTANT:
-            made = self.new_quantity(b.degree, by)
-            for j in (0, *by):
-                text = self.scaled(a, b, j, self.at)
-                self.lines_of(made).append(f"{self.at(made, j)} = {text}")
-                if b.degree == LINEAR:
-                    text = self.scaled(a, b, j, self.rate)
-                    self.once.append(f"{self.rate(made, j)} = {text}")
-            return made
-        a, b = self.general(a), self.general(b)
-        made = self.new_row(by)
-        found = ", ".join(self.at(made, j) for j in (0, *sorted(by)))
-        self.each_order.append(f"{found}, = {self.convolution(a, b)}")
+        if a.degree == b.degree == LINEAR:
+            b = self.series(b)
+        made = self.new_quantity(max(a.degree, b.degree))
+        if a.degree == GENERAL:
+            text = self.summed("product", a, b)
+        else:
+            text = f"{self.at(a)} * {self.at(b)}"
+        if a.degree == LINEAR:
+            text += f" + ({self.rate(a)} * {self.before(b)} if k > 0 else 0.0)"
+        self.lines_of(made).append(f"{self.at(made)} = {text}")
+        if made.degree == LINEAR:
+            self.once.append(f"{self.rate(made)} = {self.at(a)} * {self.rate(b)}")
         return made
 
-    def scaled(self, a: Quantity, b: Quantity, j: int, part: Callable[[Quantity, int], str]) -> str:
-        """The product of a constant and a part of a quantity, or its derivative."""
-        pairs = self.splits(a, b, j)
-        return " + ".join(f"{self.at(a, k)} * {part(b, other)}" for k, other in pairs)
+    def before(self, a: Quantity) -> str:
+        """Its coefficient of the order before that under way."""
+        return f"w[STRIDE * (k - 1) + {a.place}]"
 
-    def convolution(self, a: Quantity, b: Quantity) -> str:
-        """The call of a function that returns the coefficients of a product."""
-        square = a == b
-        by = [j for j in range(1, self.width) if self.splits(a, b, j)]
-        name = f"product_{_letters(a.by)}_by_{_letters(b.by)}{'_squared' if square else ''}"
-        lines = ["s0 += p[0] * q[0]"]
-        for j in by:
-            pairs = [(k, i) for k, i in self.splits(a, b, j) if k > i or not square]
-            lines.append(f"s{j} += {' + '.join(f'p[{k}] * q[{i}]' for k, i in pairs)}")
-        twice = "2.0 * " if square else ""
-        sums = ["s0", *(f"{twice}s{j}" for j in by)]
-        self.helper(name, lines, ["s0", *(f"s{j}" for j in by)], sums)
+    def quotient(self, a: Quantity, b: Quantity) -> Quantity:
+        return self.product(a, self.function("recip", b))
+
+    def summed(self, name: str, a: Quantity, b: Quantity) -> str:
+        """The call of a function that sums over orders: of a product; the same without the zeroth
+        order of the first series; and that with the orders as factors.
+
+        What is of the order under way comes last, so that no sum waits for one before."""
+        factor, last = "i * " * (name == "chained"), " + w[a] * w[STRIDE * k + b]"
+        self.helpers[name] = f"""def {name}(w, a, b, k):
+    s = 0.0
+    for i in range(1, k + 1):
+        s += {factor}(w[STRIDE * i + a] * w[STRIDE * (k - i) + b])
+    return s{last * (name == "product")}
+"""
         return f"{name}(w, {a.place}, {b.place}, k)"
-
-    def helper(
-        self,
-        name: str,
-        lines: Sequence[str],
-        sums: Sequence[str],
-        result: Sequence[str],
-        first: int = 0,
-    ) -> None:
-        """Add a function that sums over orders, from the first, of two series with rows p and q."""
-        if name in self.helpers:
-            return
-        text = f"def {name}(w, a, b, k):\n"
-        text += "".join(f"    {one} = 0.0\n" for one in sums)
-        text += f"    for i in range({first}, k + 1):\n"
-        text += "        p, q = tail(w, STRIDE * i + a), tail(w, STRIDE * (k - i) + b)\n"
-        text += "".join(f"        {line}\n" for line in lines)
-        text += f"    return ({', '.join(result)},)\n"
-        self.helpers[name] = text
 
     # Elementary functions.
 
     def function(self, name: str, a: Quantity) -> Quantity:
-        for more in (a.by, a.by | self.along, frozenset(range(1, self.width))):
-            found = self.known.get((name, a._replace(by=more)))
-            if found is not None:
-                return found if more == a.by else _with(found, a.by)
-        made = self.known[name, a] = self._function(name, a)
-        return made
+        if (name, a) not in self.known:
+            made = self.new_quantity(GENERAL if a.degree > CONSTANT else CONSTANT)
+            self.known[name, a], self.origins[made] = made, (name, a)
+            lines = self.lines_of(made)
+            place = len(lines)
+            lines[place:place] = self.value(name, a, made)
+        return self.known[name, a]
 
-    def _function(self, name: str, a: Quantity) -> Quantity:
-        degree = GENERAL if a.degree > CONSTANT else CONSTANT
-        by = frozenset(j for j in range(1, self.width) if self.splits(a, a, j))
-        made, plain = self.new_quantity(degree, by), self.along & by
-        if name in PAIRS:
-            partner, sign, other_sign = PAIRS[name]
-            other = self.known[partner, a] = self.new_quantity(degree, by)
-            both = (name, made, other, sign), (partner, other, made, other_sign)
-            for function, y, slope, negative in both:
-                self.lines_of(y).extend(self.value(function, a, y, slope, negative))
-            for some in (plain, by - plain):
-                for _, y, slope, negative in both:
-                    self.differentiate(a, y, slope, some, negative)
-            return made
-        lines = self.lines_of(made)
-        place, slope = len(lines), a
-        if degree == GENERAL or by:
-            slope = self.slope(name, _with(a, NOTHING), _with(made, NOTHING))
-        lines[place:place] = self.value(name, a, made, slope)
-        self.differentiate(a, made, slope, plain)
-        if by - plain:
-            slope = self.slope(name, _with(a, plain), _with(made, plain))
-            self.differentiate(a, made, slope, by - plain)
-        return made
+    def value(self, name: str, a: Quantity, y: Quantity) -> list[str]:
+        """Lines for the coefficient of y = f(a), from those of lower order of f'(a); what that
+        takes is written for behind them."""
+        first = f"1.0 / {self.at(a)}" if name == "recip" else f"math.{name}({self.at(a)})"
+        if a.degree == CONSTANT:
+            return [f"{self.at(y)} = {first}"]
+        if name == "recip":
+            start = f"w[{a.place}]" if a.degree == GENERAL else self.at(a)
+            later = f"-{self.less_first('rest', a, y)} / {start}"
+            return [f"{self.at(y)} = {first} if k == 0 else {later}"]
+        if name == "sqrt":
+            rest = f"{self.coefficient(a)} - {self.summed('rest', y, y)}"
+            later = f"({rest}) / (2.0 * w[{y.place}])"
+            return [f"{self.at(y)} = 0.0", f"{self.at(y)} = {first} if k == 0 else {later}"]
+        later = self.less_first("chained", a, self.slope(name, a, y))
+        return [f"{self.at(y)} = {first} if k == 0 else {later} / k"]
+
+    def less_first(self, name: str, a: Quantity, b: Quantity) -> str:
+        """A sum over orders without the zeroth of what may be linear in the time."""
+        if a.degree == LINEAR:
+            return f"{self.rate(a)} * {self.before(b)}"
+        return self.summed(name, a, b)
 
     def slope(self, name: str, a: Quantity, y: Quantity) -> Quantity:
         """The derivative of a function, from its argument and its value."""
-        one = self.number("1.0")
+        one, less = self.number("1.0"), self.number("-1.0")
         match name:
             case "exp":
                 return y
+            case "sin" | "sinh" | "cosh":
+                return self.function(PARTNERS[name], a)
+            case "cos":
+                return self.product(less, self.function("sin", a))
             case "tan" | "tanh":
                 return self.sum(one, self.product(y, y), "+" if name == "tan" else "-")
             case "recip":
-                return self.product(self.number("-1.0"), self.product(y, y))
+                return self.product(less, self.product(y, y))
             case "sqrt":
-                return self.product(self.number("0.5"), self.function("recip", y))
+                return self.quotient(self.number("0.5"), y)
             case "log":
-                return self.function("recip", a)
+                return self.quotient(one, a)
         square = self.product(a, a)
         if name == "atan":
-            return self.function("recip", self.sum(one, square))
-        root = self.function("recip", self.function("sqrt", self.sum(one, square, "-")))
-        return root if name == "asin" else self.product(self.number("-1.0"), root)
-
-    def value(
-        self, name: str, a: Quantity, y: Quantity, slope: Quantity, sign: str = ""
-    ) -> list[str]:
-        """Lines for the coefficients of y = f(a), from those of lower order of f'(a)."""
-        start = f"1.0 / {self.at(a)}" if name == "recip" else f"math.{name}({self.at(a)})"
-        if a.degree == CONSTANT:
-            return [f"{self.at(y)} = {start}"]
-        slope = self.general(slope)
-        if a.degree == LINEAR:
-            later = f"{self.rate(a)} * w[STRIDE * (k - 1) + {slope.place}] / k"
-        else:
-            self.helper("chained", ["s0 += i * (p[0] * q[0])"], ["s0"], ["s0"], first=1)
-            later = f"chained(w, {a.place}, {slope.place}, k)[0] / k"
-        either = "if k == 0:", f"    {self.at(y)} = {start}", "else:"
-        return [*either, f"    {self.at(y)} = {sign}{later}"]
-
-    def differentiate(
-        self, a: Quantity, y: Quantity, slope: Quantity, by: frozenset[int], sign: str = ""
-    ) -> None:
-        """Write some derivatives of y = f(a): those of a times f'(a), whose own derivative is
-        that along the direction of second ones."""
-        if not by:
-            return
-        pairs = {
-            j: [(k, i) for k, i in self.splits(slope, a, j) if k in (0, *self.along) and i != 0]
-            for j in sorted(by)
-        }
-        lines = self.lines_of(y)
-        if a.degree < GENERAL:
-            for j, terms in pairs.items():
-                text = " + ".join(f"{self.at(slope, k)} * {self.at(a, i)}" for k, i in terms)
-                lines.append(f"{self.at(y, j)} = {sign}({text})")
-            if a.degree == LINEAR:
-                how = "-=" if sign else "+="
-                lines += ["if k > 0:", f"    q = tail(w, STRIDE * (k - 1) + {slope.place})"]
-                for j, terms in pairs.items():
-                    text = " + ".join(f"q[{k}] * {self.rate(a, i)}" for k, i in terms)
-                    lines.append(f"    {self.at(y, j)} {how} {text}")
-            return
-        name = f"slopes_{_letters(by)}"
-        each = [
-            f"s{j} += {' + '.join(f'p[{i}] * q[{k}]' for k, i in terms)}"
-            for j, terms in pairs.items()
-        ]
-        sums = [f"s{j}" for j in pairs]
-        self.helper(name, each, sums, sums)
-        found = ", ".join(f"d{j}" for j in pairs)
-        lines.append(f"{found}, = {name}(w, {a.place}, {slope.place}, k)")
-        lines += [f"{self.at(y, j)} = {sign}d{j}" for j in pairs]
+            return self.quotient(one, self.sum(one, square))
+        root = self.function("sqrt", self.sum(one, square, "-"))
+        return self.quotient(one if name == "asin" else less, root)
 
     def power(self, a: Quantity, b: Quantity, exponent: float | None) -> Quantity:
         """A power; `exponent` is its number if it has one."""
@@ -403,6 +312,41 @@ class Writer:
         half = self.whole_power(a, n // 2)
         square = self.product(half, half)
         return self.product(a, square) if n % 2 else square
+
+    # Derivatives.
+
+    def derivative(self, a: Quantity, by: str) -> Quantity | None:
+        """The derivative of a quantity by one of the `seeds`; None if it is zero."""
+        if (a, by) not in self.derived:
+            self.derived[a, by] = self.seeds[by].get(a) or self._derivative(a, by)
+        return self.derived[a, by]
+
+    def _derivative(self, a: Quantity, by: str) -> Quantity | None:
+        match self.origins.get(a):
+            case ("sum", Quantity() as x, Quantity() as y, str(sign)):
+                return self.added(self.derivative(x, by), self.derivative(y, by), sign)
+            case ("product", Quantity() as x, Quantity() as y):
+                one, other = self.derivative(x, by), self.derivative(y, by)
+                if x == y:
+                    return self.times(self.product(self.number("2.0"), x), one)
+                return self.added(self.times(y, one), self.times(x, other))
+            case ("series", Quantity() as x):
+                return self.derivative(x, by)
+            case (str(name), Quantity() as x) if (change := self.derivative(x, by)) is not None:
+                return self.product(self.slope(name, x, a), change)
+        return None
+
+    def times(self, a: Quantity, b: Quantity | None) -> Quantity | None:
+        """A product of which one factor may be zero."""
+        return None if b is None else self.product(a, b)
+
+    def added(self, a: Quantity | None, b: Quantity | None, sign: str = "+") -> Quantity | None:
+        """A sum whose parts may be zero."""
+        if b is None:
+            return a
+        if a is None:
+            return b if sign == "+" else self.product(self.number("-1.0"), b)
+        return self.sum(a, b, sign)
 
     # Expressions.
 
@@ -451,7 +395,7 @@ class Writer:
             case ast.Mult():
                 return self.product(a, b)
             case ast.Div():
-                return self.product(a, self.function("recip", b))
+                return self.quotient(a, b)
         raise NotImplementedError(f"{type(operation).__name__} in a field")
 
     # The whole text.
@@ -468,23 +412,82 @@ class Writer:
         return [self.expression(node)]
 
     def push(self) -> None:
-        """Write the next coefficients of mean velocities and velocities."""
-        length = self.start["dt"]
+        """Write the next coefficients of the state and of its derivatives."""
+        d, places = self.freedom, range(len(self.directions))
         for i, text in enumerate(self.stated.accelerations):
-            mean, speed = self.means[i], self.speeds[i]
-            force = self.general(self.expression(parse_expression(text)))
-            for j in range(self.width):
-                self.each_order.append(f"n[{int(mean.place) + j}] = {self.at(speed, j)} / (k + 1)")
-                text = self.scaled(length, force, j, self.at) or "0.0"
-                self.each_order.append(f"n[{int(speed.place) + j}] = ({text}) / (k + 1)")
-            for j in (j for k, j in self.by_duration if k == i):
-                u, v = self.by_duration[i, j], self.by_duration[self.freedom + i, j]
-                pushed = self.at(force, j)
+            force = self.expression(parse_expression(text))
+            pushed = self.product(self.start["dt"], force)
+            for side, row in self.rows.items():
+                own, now = self.on(side, force), self.on(side, pushed)
+                mean, speed = row[i], row[d + i]
                 self.each_order += [
-                    f"r[{v}] = (r[{v}] if k > 0 else 0.0) + at * {pushed}",
-                    f"n[{v}] = {pushed}",
-                    f"n[{u}] = r[{v}] / (k + 1)",
+                    f"n[{mean.place}] = {self.at(speed)} / (k + 1)",
+                    f"n[{speed.place}] = {now} / (k + 1)",
                 ]
+                if self.by_duration:
+                    u, v = self.by_duration[side, i], self.by_duration[side, d + i]
+                    self.each_order += [
+                        f"r[{v}] = (r[{v}] if k > 0 else 0.0) + at * {own}",
+                        f"n[{v}] = {own}",
+                        f"n[{u}] = r[{v}] / (k + 1)",
+                    ]
+            if self.directions:
+                self.vary(i, pushed)
+                for side in self.sides:
+                    u, v = self.varied[side, i], self.varied[side, d + i]
+                    self.each_order += [f"n[{u + j}] = r[{v + j}] / (k + 1)" for j in places]
+
+    def on(self, side: str, a: Quantity) -> str:
+        """The coefficient of a quantity, or of what it changes by."""
+        found = self.derivative(a, side) if side else a
+        return "0.0" if found is None else self.coefficient(found)
+
+    def vary(self, i: int, pushed: Quantity) -> None:
+        """Write the next coefficients of the derivatives of a velocity by the directions: sums over
+        the state of the force's derivatives times the state's, and what acts on it by itself."""
+        speeds = {f"v{m}" for m in range(self.freedom)}
+        keys = [(side, j) for side in self.sides for j in range(len(self.directions))]
+        sums, terms = {key: list[str]() for key in keys}, {key: list[str]() for key in keys}
+        for m, row in enumerate(self.rows[""]):
+            slope = self.derivative(pushed, row.place)
+            changes = [(side, slope, side) for side in self.sides]
+            if slope is not None and len(self.sides) > 1:
+                changes.append(("", self.derivative(slope, ALONG), ALONG))
+            for of, factor, side in changes:
+                if factor is None:
+                    continue
+                if factor.degree == LINEAR:
+                    factor = self.series(factor)
+                for j in range(len(self.directions)):
+                    place = self.varied[of, m] + j
+                    if factor.degree == CONSTANT:
+                        terms[side, j].append(f"{self.at(factor)} * r[{place}]")
+                    else:
+                        sums[side, j].append(f"p[{factor.place}] * q[{place}]")
+        for j, name in enumerate(self.directions):
+            if name not in speeds:
+                own = self.derivative(pushed, name)
+                for side in self.sides:
+                    if own is not None:
+                        terms[side, j].append(self.on(side, own))
+        found = {key: f"d{n}" for n, key in enumerate(keys) if sums[key]}
+        if found:
+            name = f"varied_{i}"
+            self.helpers[name] = "\n".join(
+                [
+                    f"def {name}(w, k):",
+                    *(f"    {s} = 0.0" for s in found.values()),
+                    "    for i in range(k + 1):",
+                    "        p, q = tail(w, STRIDE * i), tail(w, STRIDE * (k - i))",
+                    *(f"        {s} += {' + '.join(sums[key])}" for key, s in found.items()),
+                    f"    return ({', '.join(found.values())},)\n",
+                ]
+            )
+            self.each_order.append(f"{', '.join(found.values())}, = {name}(w, k)")
+        for side, j in keys:
+            parts = [*([found[side, j]] if sums[side, j] else []), *terms[side, j]]
+            place = self.varied[side, self.freedom + i] + j
+            self.each_order.append(f"n[{place}] = ({' + '.join(parts) or '0.0'}) / (k + 1)")
 
     def flight(self, name: str) -> str:
         """Return the text of a function that returns what `integration.flown` does; where there
@@ -492,13 +495,14 @@ class Writer:
         self.push()
         wanted = [
             self.found(i, name, side)
-            for side in (0, *self.along)
+            for side in self.sides
             for name in ("", *self.asked)
             for i in range(2 * self.freedom)
         ]
         found, none = (f"return ({', '.join(one)})" for one in (wanted, ["nan"] * len(wanted)))
-        slopes = [given.replace("g", "e") for given in self.given.values()] if self.along else []
-        return self.loop(name, ", ".join([*slopes, "w"]), [], found, none)
+        slopes = [given.replace("g", "e") for given in self.given.values()]
+        more = [*(slopes if ALONG in self.sides else []), "w"]
+        return self.loop(name, ", ".join(more), [], found, none)
 
     def path(self, name: str) -> str:
         """Return the text of a function that fills in the pieces of a flight."""
@@ -524,7 +528,7 @@ class Writer:
         """Return the text of a function that returns whether a step from `at` over h misses a part
         of the force; see `integration.Integrator`."""
         d, dt, t = range(self.freedom), self.given["dt"], self.given["t"]
-        means, speeds = ([int(row.place) for row in rows] for rows in (self.means, self.speeds))
+        means, speeds = range(self.freedom), range(self.freedom, 2 * self.freedom)
         parameters = [self.given[name] for name in self.stated.parameters]
 
         def force(more: str, less: str, moved: str) -> str:
@@ -557,15 +561,16 @@ class Writer:
         ]
         return "\n".join(lines) + "\n"
 
-    def found(self, i: int, name: str, side: int) -> str:
-        """A number of the state at the end of a step, or its derivative by a direction, and that
-        along the direction of second derivatives."""
+    def found(self, i: int, name: str, side: str) -> str:
+        """A number of the state at the end of a step, or its derivative by a direction, or what
+        that changes by."""
         if name == "dt":
-            return self.state[self.by_duration[i, side]]
-        if name and name not in self.directions:
+            return self.state[self.by_duration[side, i]]
+        if not name:
+            return self.state[int(self.rows[side][i].place)]
+        if name not in self.directions:
             return "0.0"
-        j = self.directions.index(name) + 1 if name else 0
-        return self.state[self.width * i + j + side]
+        return self.state[self.varied[side, i] + self.directions.index(name)]
 
     def loop(self, name: str, more: str, each: list[str], arrived: str, failed: str) -> str:
         """The text of a function that takes steps, with lines for each of them, and for when the
@@ -573,8 +578,14 @@ class Writer:
         sums, state = self.state, range(len(self.state))
         begun = [f"w[{i}] = 0.0" for i in state]
         for i in range(self.freedom):
-            speed, at = self.start[f"v{i}"], int(self.speeds[i].place)
-            begun += [f"w[{at + j}] = {self.at(speed, j)}" for j in (0, *speed.by)]
+            speed, place = f"v{i}", self.freedom + i
+            begun.append(f"w[{place}] = {self.at(self.start[speed])}")
+            if ALONG in self.sides:
+                change = self.seeds[ALONG][self.start[speed]]
+                begun.append(f"w[{self.rows[ALONG][place].place}] = {self.at(change)}")
+            if speed in self.directions:
+                first = self.varied["", place]
+                begun.append(f"w[{first + self.directions.index(speed)}] = 1.0")
         sizes = [f"max({', '.join(f'abs({row}[{i}])' for i in state)})" for row in "rpq"]
         given = ", ".join(self.given.values())
         watch = [f"while h >= SHORTEST_STEP and misses({given}, at, h, size, w):", "    h *= 0.5"]
@@ -612,22 +623,8 @@ class Writer:
         return "\n".join(lines) + "\n"
 
 
-PAIRS = {
-    "sin": ("cos", "", "-"),
-    "cos": ("sin", "-", ""),
-    "sinh": ("cosh", "", ""),
-    "cosh": ("sinh", "", ""),
-}
-"""Functions whose derivatives are each other: the partner, and the signs of both derivatives."""
-
-
-def _with(a: Quantity, by: frozenset[int]) -> Quantity:
-    """The same with some of its derivatives alone."""
-    return a._replace(by=a.by & by)
-
-
-def _letters(by: frozenset[int]) -> str:
-    return "_".join(map(str, sorted(by))) or "none"
+PARTNERS = {"sin": "cos", "sinh": "cosh", "cosh": "sinh"}
+"""Functions that others are the derivatives of."""
 
 
 def _indented(depth: int, lines: Sequence[str]) -> list[str]:

@@ -54,6 +54,7 @@ FIELDS = [
     "a w: -w*x0*sqrt(1 + x0**2) - 1/(a + x0**2) + x0/(3 + cos(t))",
     "a w: -w*x0*(1 + x0**2)**1.5 - (a + v0**2)**(-2) + power(2 + x0**2, w) - exp(w)*t*x0/10",
     "a w: -square(x0)*x0 - cube(v0)*0.1 + tan(a) + t*t*0.01 + sqrt(w) + atan(a) + pi",
+    "a w: -exp(-t/4)*x0/(4 + t) + log(4 + a*t)*w*0.1 - sqrt(4 + t)*v0*0.1 - t*t*t*0.001",
     "a w: -a",
 ]
 HIDING = "a w: cos(1.2*t) - a*x0 - 300*(x0 + w)*exp(-100*square(x0 + w)) - 0.1*tanh(200*v0)"
