@@ -53,6 +53,8 @@ class Family(StrEnum):
     """The exponential of a matrix, in steps that depend on the arguments."""
     INTEGRATED = "integrated"
     """Taylor steps of a differential equation."""
+    SERIES = "series"
+    """The text of such steps, whose derivatives by several directions are computed side by side."""
     UNKNOWN = "unknown"
     """The formulas do not say, and the result is NaN."""
 

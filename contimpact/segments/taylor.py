@@ -30,7 +30,7 @@ from .integration import (
     UNIT,
     statement,
 )
-from .kernel import ELEMENTARY, Kernel, function_of
+from .kernel import ELEMENTARY, Family, Kernel, declaration, function_of
 from .oscillation import (
     COEFFICIENTS,
     DEGREE,
@@ -116,8 +116,11 @@ def _by_series(
 ) -> BySeries:
     numbers = NUMBERS | {"STRIDE": writer.stride, **more}
 
+    declared = declaration(Family.SERIES, ()) if writer.directions else ""
+
     def function(name: str, text: str) -> Kernel:
-        return function_of(name, text, f"<{name} by {writer.field}>", ELEMENTARY, names)
+        file = f"<{name} by {writer.field}>"
+        return function_of(name, declared + text, file, ELEMENTARY, names)
 
     def with_numbers(text: str) -> str:
         return _PLACEHOLDER.sub(lambda found: repr(numbers[found[0]]), text)
