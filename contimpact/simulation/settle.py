@@ -723,6 +723,14 @@ def settle_again(
     return None
 
 
+def complex_notation(rates: Sequence[float]) -> str:
+    """Return what complex motion is called: its impacts on each wall per period, rounded; where
+    they are none, those in as few periods as have any, in parentheses."""
+    periods = math.floor(0.5 / max(rates)) + 1
+    counts = ":".join(str(round(periods * rate)) for rate in rates)
+    return f"{counts}/C" if periods == 1 else f"({counts})/{periods}T/C"
+
+
 def _unsettled_motion(
     simulator: Simulator, state: State, settling: Settling, periods: int
 ) -> Attractor:
@@ -736,12 +744,13 @@ def _unsettled_motion(
     is_complex = found.per_impact[0] > 3.0 * found.error
     rate = found.impacts / found.periods
     shares = [np.count_nonzero(run.walls == k) / len(run) for k in range(len(simulator.letters))]
-    counts = ":".join(str(round(share * rate)) for share in shares)
     last = slice(-KEPT, None)
     return Attractor(
         Kind.COMPLEX if is_complex else Kind.NOT_SETTLED,
         simulator.parameters,
-        f"{counts}/C" if is_complex else Kind.NOT_SETTLED.value,
+        complex_notation([share * rate for share in shares])
+        if is_complex
+        else Kind.NOT_SETTLED.value,
         simulator.period,
         walls=run.walls[last],
         times=run.times[last],

@@ -14,7 +14,7 @@ from contimpact.results.diagram import Diagram
 from contimpact.results.options import SETTLING, Settling
 from contimpact.simulation.attractor import Attractor, Kind, solve_cycle
 from contimpact.simulation.run import State
-from contimpact.simulation.settle import settle
+from contimpact.simulation.settle import complex_notation, settle
 from contimpact.simulation.simulator import Simulator
 from contimpact.simulation.sweep import (
     Row,
@@ -380,3 +380,10 @@ def test_an_attractor_of_several_periods_goes_on_from_its_state(settled, pair, k
     assert run.end.phase == pytest.approx(found.state.phase, abs=1e-9)
     assert run.end.turns == 10
     found.require(model)
+
+
+def test_complex_motion_is_called_by_its_impacts_per_period_or_in_several():
+    """Motion of less than half an impact in each period was called as if it had none."""
+    rates = [1.1, 0.9], [0.6, 0.1], [0.45, 0.35], [0.5, 0.0], [0.2]
+    names = ["1:1/C", "1:0/C", "(1:1)/2T/C", "(1:0)/2T/C", "(1)/3T/C"]
+    assert [complex_notation(rate) for rate in rates] == names
