@@ -357,14 +357,14 @@ def plot_sweep(
         met = {int(wall) for row in sweep.rows for wall in row.attractor.walls}
         more = [w for k, w in enumerate(walls) if k in met and f"wall {w}" not in known]
         entries[:0] = [style.legend_mark(color=colours[w], label=f"wall {w}") for w in more]
-    speeds = [0.0]
+    speeds, (low, high) = [0.0], sorted(xlim)
     ways = _directions(sweep, x)
     for number, (direction, mark) in enumerate(_marks(ways).items()):
         rows = sweep.of(direction) if number == 0 else _new_rows(sweep, direction, ways[0])
         for wall, colour in enumerate(colours.values()):
             places, values = _points(rows, x, wall)
             ax.plot(places, values, color=colour, **mark, **HOLLOW)
-            speeds += values
+            speeds += [v for at, v in zip(places, values, strict=True) if low <= at <= high]
         places = [r.attractor.parameters[x] for r in rows if r.attractor.kind is Kind.NO_IMPACT]
         ax.plot(places, [0.0] * len(places), color=style.NO_WALL, **mark, **HOLLOW)
         if number and not rows:
@@ -373,9 +373,12 @@ def plot_sweep(
         entries.append(style.legend_mark(label=text, color=INK, **mark, **HOLLOW))
     ax.set_xlim(*xlim)
     ax.ticklabel_format(axis="x", useOffset=False)  # its place is taken by the direction
+    bottom, top = (0.0, 0.0) if diagram is None else ax.get_ylim()
+    margin = 0.06 * (max(speeds) - min(speeds) or 1.0)
+    bottom = bottom if bottom < min(speeds) else min(speeds) - margin
+    top = top if top > max(speeds) else max(speeds) + margin
+    ax.set_ylim(*(ylim or (bottom, top)))
     if diagram is None:
-        margin = 0.06 * (max(speeds) - min(speeds) or 1.0)
-        ax.set_ylim(*(ylim or (min(speeds) - margin, max(speeds) + margin)))
         ax.axhline(0.0, color="0.75", linewidth=0.6, zorder=0)
         ax.set_xlabel(axis_label(x, unit))
         ax.set_ylabel("impact velocity (before impact)")

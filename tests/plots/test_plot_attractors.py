@@ -80,6 +80,25 @@ def test_circles_are_the_sweep_along_which_the_drawn_axis_falls(simulation):
     assert "2:1" in named
 
 
+@pytest.mark.parametrize("factor", [1.0, 3.0])
+def test_no_simulated_impact_is_outside_the_frame(simulation, factor):
+    """Impacts that are faster than those of all branches were not seen."""
+    faster = [
+        dataclasses.replace(
+            row,
+            attractor=dataclasses.replace(
+                row.attractor, velocities=factor * row.attractor.velocities
+            ),
+        )
+        for row in simulation.sweep.rows
+    ]
+    sweep = Sweep(simulation.scene.model, "s", faster)
+    ax = pictures.plot_sweep(sweep, diagram=simulation.diagram)
+    seen = np.concatenate([line.get_ydata() for line in marked(ax, "o")])
+    low, high = ax.get_ylim()
+    assert low < np.nanmin(seen) < np.nanmax(seen) < high
+
+
 @pytest.mark.full
 def test_attractors_do_not_hide_branches(simulation):
     ax = pictures.plot_sweep(simulation.sweep, diagram=simulation.diagram)
