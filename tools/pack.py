@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import io
 import lzma
+import subprocess
 import sys
 from pathlib import Path
 
@@ -70,6 +71,8 @@ def pack(folder: Path) -> None:
 if __name__ == "__main__":
     for name in sys.argv[1:]:
         pack(Path(name.removesuffix("scene.toml")))
-    total = sum(path.stat().st_size for path in (ROOT / "branches").rglob("*") if path.is_file())
+    listing = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "branches"]
+    kept = subprocess.check_output(listing, cwd=ROOT, text=True).splitlines()
+    total = sum(path.stat().st_size for path in map(ROOT.joinpath, kept) if path.is_file())
     print(f"branches/: {total / 1e6:.1f} MB of at most {MOST / 1e6:g}")
     sys.exit(total > MOST)
