@@ -41,7 +41,7 @@ from . import diagram as style
 from .lines import (
     STYLES,
     WIDTHS,
-    axis_label,
+    label_axis,
     plain_text,
     runs,
     symbol,
@@ -372,7 +372,6 @@ def plot_sweep(
         text = f"simulated, {_direction_text(sweep, direction, x)}" + (": others" if number else "")
         entries.append(style.legend_mark(label=text, color=INK, **mark, **HOLLOW))
     ax.set_xlim(*xlim)
-    ax.ticklabel_format(axis="x", useOffset=False)  # its place is taken by the direction
     bottom, top = (0.0, 0.0) if diagram is None else ax.get_ylim()
     margin = 0.06 * (max(speeds) - min(speeds) or 1.0)
     bottom = bottom if bottom < min(speeds) else min(speeds) - margin
@@ -380,7 +379,7 @@ def plot_sweep(
     ax.set_ylim(*(ylim or (bottom, top)))
     if diagram is None:
         ax.axhline(0.0, color="0.75", linewidth=0.6, zorder=0)
-        ax.set_xlabel(axis_label(x, unit))
+        label_axis(ax.xaxis, x, unit)
         ax.set_ylabel("impact velocity (before impact)")
     if ways:
         _name_attractors(ax, sweep, ways[0], x, widen=ylim is None)
@@ -497,7 +496,7 @@ def _points(rows: Sequence[Row], x: str, wall: int) -> tuple[list[float], list[f
 
 
 def _label(ax: Any, x: str, unit: str, y: str) -> None:
-    ax.set_xlabel(axis_label(x, unit))
+    label_axis(ax.xaxis, x, unit)
     ax.set_ylabel(y)
 
 

@@ -47,7 +47,7 @@ from ..results.diagram import Diagram
 from ..simulation.attractor import Attractor, Kind
 from ..simulation.sweep import Row, Sweep
 from .diagram import legend_mark, new_figure, plot_diagram, save_figure, write_heading
-from .lines import axis_label, plain_text, set_label, symbol, values_text
+from .lines import label_axis, plain_text, set_label, symbol, values_text
 
 # Outlines with as few points as are seen.
 
@@ -330,9 +330,9 @@ def _draw_panel(ax: Any, panel: Panel, keys: Sequence[Key], units: Mapping[str, 
             place = (point.parameters[panel.across], point.parameters[panel.along])
             ax.plot(*place, marker=_marker(point.kind), zorder=5, **POINT)
     if ax.xaxis.get_tick_params().get("labelbottom", True):
-        ax.set_xlabel(axis_label(panel.across, units.get(panel.across, "")))
+        label_axis(ax.xaxis, panel.across, units.get(panel.across, ""))
     if ax.yaxis.get_tick_params().get("labelleft", True):
-        ax.set_ylabel(axis_label(panel.along, units.get(panel.along, "")))
+        label_axis(ax.yaxis, panel.along, units.get(panel.along, ""))
     if panel.fixed:
         ax.set_title(values_text(panel.fixed, units), fontsize=9)
 
@@ -502,8 +502,8 @@ def plot_codim2(
     for ax, (across, along) in zip(axes, planes, strict=False):
         for curve in curves:
             _draw(ax, curve, across, along, kinds.index((curve.kind, curve.notation)))
-        ax.set_xlabel(axis_label(across, (units or {}).get(across, "")))
-        ax.set_ylabel(axis_label(along, (units or {}).get(along, "")))
+        label_axis(ax.xaxis, across, (units or {}).get(across, ""))
+        label_axis(ax.yaxis, along, (units or {}).get(along, ""))
     _legend(axes[0], curves, kinds)
     return axes
 

@@ -38,12 +38,12 @@ from .lines import (
     STYLES,
     UNPHYSICAL,
     WIDTHS,
-    axis_label,
     branches_drawn_whole,
     choose_events,
     draw_guides,
     draw_labels,
     fixed_values,
+    label_axis,
     limits_of,
     marks_of,
     name_orbits,
@@ -175,7 +175,7 @@ def plot_diagram(
     left_out = draw_labels(ax, choose_events(drawn, labelled), column)
     if labelled != "none":
         left_out += name_orbits(ax, pieces)
-    ax.set_xlabel(axis_label(column, unit))
+    label_axis(ax.xaxis, column, unit)
     ax.set_ylabel(ordinate_label(diagram, y, names))
     if ax.get_yscale() == "linear":  # narrow numbers: the room is fixed
         ax.ticklabel_format(axis="y", scilimits=(-2, 4), useMathText=True)

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 from matplotlib.textpath import TextPath
+from matplotlib.ticker import ScalarFormatter
 from matplotlib.transforms import ScaledTranslation
 
 from ..arrays import Array
@@ -350,6 +351,14 @@ def symbol(name: str) -> str:
 def axis_label(name: str, unit: str = "") -> str:
     """Return the label of an axis: a parameter and its unit."""
     return symbol(name) + (f" ({unit})" if unit else "")
+
+
+def label_axis(axis: Any, name: str, unit: str = "") -> None:
+    """Label the axis of a parameter, whose values are written in full."""
+    axis.set_label_text(axis_label(name, unit))
+    formatter = axis.get_major_formatter()
+    if isinstance(formatter, ScalarFormatter):
+        formatter.set_useOffset(False)
 
 
 def value_text(value: float) -> str:

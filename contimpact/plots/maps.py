@@ -17,7 +17,7 @@ from ..display import draw_result
 from ..errors import explain_arguments
 from ..studies.study import Map, Study
 from .diagram import Figure, legend_mark, new_figure, save_figure, write_heading
-from .lines import axis_label, plain_text, set_label
+from .lines import label_axis, plain_text, set_label
 
 NAMED = ("#d5e5f2", "#56a0ce", "#f0c05a", "#1f4e79", "#cccccc", "#77913f", "#5b3a6b", "#c9733f")
 """Colours of names that are no kinds of events: of numbers from the first on, of others from the
@@ -34,8 +34,8 @@ def plot_map(shown: Map, ax: Any = None, units: Mapping[str, str] | None = None)
     handles += _draw_curves(ax, shown)
     x, y = shown.axes
     units = units or {}
-    ax.set_xlabel(axis_label(x, units.get(x, "")))
-    ax.set_ylabel(axis_label(y, units.get(y, "")))
+    label_axis(ax.xaxis, x, units.get(x, ""))
+    label_axis(ax.yaxis, y, units.get(y, ""))
     ax.margins(0)
     if handles:
         legend: dict[str, Any] = {
@@ -173,7 +173,7 @@ def plot_ranges(found: Ranges, ax: Any = None, *, unit: str = "") -> Any:
     ax.set_yticks(range(len(names)), names)
     ax.invert_yaxis()
     ax.set_xlim(found.ranges[0].low, found.ranges[-1].high)
-    ax.set_xlabel(axis_label(found.parameter, unit))
+    label_axis(ax.xaxis, found.parameter, unit)
     kinds = {motion.branch is not None for motion in motions}
     texts = {True: "stable orbits of branches", False: "simulated, on no branch"}
     handles = [Patch(label=texts[kind], **FILLS[kind]) for kind in sorted(kinds)]

@@ -99,6 +99,24 @@ def test_no_simulated_impact_is_outside_the_frame(simulation, factor):
     assert low < np.nanmin(seen) < np.nanmax(seen) < high
 
 
+def test_values_of_a_parameter_are_written_in_full(simulation):
+    """Exponents of `stiff` stood over -0.2 to 0.8, and +3e3 in a corner."""
+    rows = [
+        dataclasses.replace(
+            row,
+            attractor=dataclasses.replace(
+                row.attractor,
+                parameters={**row.attractor.parameters, "s": 3000.0 + row.value},
+            ),
+        )
+        for row in simulation.sweep.rows
+    ]
+    sweep = Sweep(simulation.scene.model, "s", rows)
+    for ax in (pictures.plot_exponents(sweep), pictures.plot_sweep(sweep)):
+        ax.figure.draw_without_rendering()
+        assert ax.xaxis.get_offset_text().get_text() == ""
+
+
 @pytest.mark.full
 def test_attractors_do_not_hide_branches(simulation):
     ax = pictures.plot_sweep(simulation.sweep, diagram=simulation.diagram)
