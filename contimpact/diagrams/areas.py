@@ -28,7 +28,7 @@ from ..orbits.orbit import Orbit
 from ..orbits.quiet import problem_of
 from ..progress import Progress
 from ..results.branch import Branch, Entry
-from ..results.curve import Area, Curve, Doubt, Ring, StableOrbit
+from ..results.curve import Area, Curve, Doubt, Ring, StableOrbit, text_of_orbits
 from ..results.diagram import Diagram
 from ..results.diagram_reading import read, stable_intervals
 from ..results.scene import Scene
@@ -588,7 +588,7 @@ class Divider:
         self, number: int, cell: int, seen: SlabObservation, says: Sequence[StableOrbit]
     ) -> Doubt:
         place = self.frame.at(*self.slabs[number].middle(cell, seen.part))
-        return Doubt(*place, " and ".join(map(str, says)) or "nothing stable")
+        return Doubt(*place, text_of_orbits(says))
 
     def orbits(self, outline: Outline) -> list[StableOrbit]:
         """The stable orbits of an area, with the mechanisms that two runs in it show."""

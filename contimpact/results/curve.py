@@ -101,7 +101,7 @@ class Area:
         return crossed % 2 == 1
 
     def __str__(self) -> str:
-        held = " and ".join(map(str, self.orbits)) or "nothing stable"
+        held = text_of_orbits(self.orbits)
         fixed = "".join(f"{name} = {value:.6g}  " for name, value in self.fixed.items())
         told = f"{self.id}  {fixed}{held}: {100.0 * self.part:.3g} % of the rectangle"
         if self.doubtful:
@@ -111,10 +111,15 @@ class Area:
         return told
 
 
+def text_of_orbits(orbits: Sequence[StableOrbit]) -> str:
+    """Return what is stable somewhere. Orbits of other words than the scene's are not looked at."""
+    return " and ".join(map(str, orbits)) or "no stable orbit of the scene's words"
+
+
 def panel_areas(
     areas: Sequence[Area], fixed: Mapping[str, float], across: str, along: str
 ) -> list[Area]:
-    """Return the areas of one member of a family in one plane, without those of nothing stable."""
+    """Return the areas of one member of a family in one plane that have stable orbits."""
     return [
         area
         for area in areas

@@ -82,7 +82,7 @@ def small_map(small, small_scene):
     low, high = float(curve["d"].min()), float(curve["d"].max())
     ring = [(0.25, low), (0.35, low), (0.35, high), (0.25, high), (0.25, low)]
     orbit = StableOrbit("BT", 1, "1:1", "PD", "PD", "supercritical", [3])
-    doubt = Doubt(0.3, 0.2, "nothing stable")
+    doubt = Doubt(0.3, 0.2, "no stable orbit of the scene's words")
     about = {"fixed": {}, "across": "r", "along": "d", "borders": [[(0, "side")]], "places": []}
     common = {"polygon": [ring], "part": 0.5, "checked": 1, **about}
     areas = [

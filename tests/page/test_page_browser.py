@@ -726,7 +726,7 @@ def test_areas_are_tinted_and_told(reader, small_map, small_scene):
     assert "stable until PD" in page.text("#plane .tints")
     webdriver.ActionChains(page.driver).move_to_element(area).perform()
     assert "a1: 1:1 until PD (supercritical), mechanism 3" in page.text("#plane-hover")
-    assert "0.3, 0.2: nothing stable" in page.text("#plane-points")
+    assert "0.3, 0.2: no stable orbit of the scene's words" in page.text("#plane-points")
     assert not page.all("#plane .region")
 
 

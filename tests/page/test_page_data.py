@@ -324,7 +324,7 @@ def test_areas_of_a_panel(small_map, small_scene):
     assert area["id"] == "a1"
     assert area["says"] == "1:1 until PD (supercritical), mechanism 3"
     assert area["polygon"] == [[list(point) for point in small_map.areas[0].polygon[0]]]
-    assert area["doubt"] == "0.3, 0.2: nothing stable"
+    assert area["doubt"] == "0.3, 0.2: no stable orbit of the scene's words"
     assert area["orbits"] == [{"notation": "1:1", "ends": "PD"}]
 
 
