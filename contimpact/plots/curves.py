@@ -361,6 +361,11 @@ def _draw_regions(
         below = values.min() - room / (1.0 - room) * np.ptp(values)
         ax.update_datalim([(panel.curves[0][panel.across][0], below)])
         ax.autoscale_view()
+    named = dict(reversed([*zip(rows, found, strict=True)]))
+    for lane, region in named.items() if len({r.notation for r in found}) > 1 else ():
+        look = {"fontsize": 6.5, "va": "bottom", "transform": ax.get_xaxis_transform()}
+        text = f" {plain_text(region.notation)}"
+        ax.text(region.low, LANE * (lane + 0.35), text, clip_on=True, gid="orbit", **look)
     for region, lane in zip(found, rows, strict=True):
         key = next(k for k in keys if k.label == region.first and k.notation == region.notation)
         low, height = LANE * lane, (0.375 if region.said else 0.75) * LANE

@@ -105,8 +105,7 @@ def test_values_of_a_parameter_are_written_in_full(simulation):
         dataclasses.replace(
             row,
             attractor=dataclasses.replace(
-                row.attractor,
-                parameters={**row.attractor.parameters, "s": 3000.0 + row.value},
+                row.attractor, parameters={**row.attractor.parameters, "s": 3000.0 + row.value}
             ),
         )
         for row in simulation.sweep.rows

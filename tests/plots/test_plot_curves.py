@@ -209,6 +209,9 @@ def test_orbits_are_told_apart():
     assert names[:2] == [r"$\mathrm{PD}$(1:1)", r"$\mathrm{PD}$(2:1)"]
     assert "ghost" not in names
     assert len({patch.get_y() for patch in ax.patches}) == 2
+    named = [text for text in ax.texts if text.get_gid() == "orbit"]
+    assert [text.get_text().strip() for text in named] == ["2:1", "1:1"]
+    assert len({text.get_position()[1] for text in named}) == 2
 
 
 def test_bands_stand_below_the_curves():
