@@ -528,12 +528,14 @@ class Divider:
         """What the curves do not explain, in words."""
         fixed = "".join(f"{name} = {value:.6g}, " for name, value in self.fixed.items())
         across, along = self.frame.across, self.frame.along
+        found: dict[str, list[Doubt]] = defaultdict(list)
+        for doubt in itertools.chain.from_iterable(self.off.values()):
+            found[doubt.says].append(doubt)
         return [
-            f"areas: {fixed}{doubt.says}, at {across} = {doubt.across:.9g}, {along} = "
-            f"{doubt.along:.9g}: name its kind in curves.kinds, or give curves.cover a larger "
-            "number"
-            for doubts in self.off.values()
-            for doubt in doubts
+            f"areas: {fixed}{says}, at {across} = {doubt.across:.9g}, {along} = {doubt.along:.9g}"
+            + f" and at {len(others)} other places" * bool(others)
+            + ": name its kind in curves.kinds, or give curves.cover a larger number"
+            for says, (doubt, *others) in found.items()
         ]
 
     def within(self, number: int, cell: int, seen: SlabObservation) -> list[Stretch]:
