@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import ast
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 from ..models.expressions import FUNCTIONS
@@ -442,34 +442,32 @@ class Writer:
         found = self.derivative(a, side) if side else a
         return "0.0" if found is None else self.coefficient(found)
 
-    def vary(self, i: int, pushed: Quantity) -> None:
-        """Write the next coefficients of the derivatives of a velocity by the directions: sums over
-        the state of the force's derivatives times the state's, and what acts on it by itself."""
-        speeds = {f"v{m}" for m in range(self.freedom)}
-        keys = [(side, j) for side in self.sides for j in range(len(self.directions))]
-        sums, terms = {key: list[str]() for key in keys}, {key: list[str]() for key in keys}
+    def slopes(self, pushed: Quantity) -> Iterator[tuple[Quantity, int, str]]:
+        """Yield what the state's derivatives are multiplied by where a velocity is pushed, the
+        place of the first of them, and the side on which the product is."""
         for m, row in enumerate(self.rows[""]):
             slope = self.derivative(pushed, row.place)
-            changes = [(side, slope, side) for side in self.sides]
-            if slope is not None and len(self.sides) > 1:
-                changes.append(("", self.derivative(slope, ALONG), ALONG))
-            for of, factor, side in changes:
-                if factor is None:
-                    continue
-                if factor.degree == LINEAR:
-                    factor = self.series(factor)
-                for j in range(len(self.directions)):
-                    place = self.varied[of, m] + j
-                    if factor.degree == CONSTANT:
-                        terms[side, j].append(f"{self.at(factor)} * r[{place}]")
-                    else:
-                        sums[side, j].append(f"p[{factor.place}] * q[{place}]")
+            if slope is not None:
+                yield from ((slope, self.varied[side, m], side) for side in self.sides)
+                bend = self.derivative(slope, ALONG) if ALONG in self.sides else None
+                if bend is not None:
+                    yield bend, self.varied["", m], ALONG
+
+    def vary(self, i: int, pushed: Quantity) -> None:
+        """Write the next coefficients of the derivatives of a velocity by the directions."""
+        keys = [(side, j) for side in self.sides for j in range(len(self.directions))]
+        sums, terms = {key: list[str]() for key in keys}, {key: list[str]() for key in keys}
+        for slope, first, side in self.slopes(pushed):
+            for j in range(len(self.directions)):
+                if slope.degree == CONSTANT:
+                    terms[side, j].append(f"{self.at(slope)} * r[{first + j}]")
+                else:
+                    sums[side, j].append(f"p[{self.series(slope).place}] * q[{first + j}]")
         for j, name in enumerate(self.directions):
-            if name not in speeds:
-                own = self.derivative(pushed, name)
+            own = self.derivative(pushed, name)
+            if own is not None:
                 for side in self.sides:
-                    if own is not None:
-                        terms[side, j].append(self.on(side, own))
+                    terms[side, j].append(self.on(side, own))
         found = {key: f"d{n}" for n, key in enumerate(keys) if sums[key]}
         if found:
             name = f"varied_{i}"
