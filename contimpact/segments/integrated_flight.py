@@ -203,7 +203,7 @@ def _run_program(
     """
     if mode() == "never" or not has_series(field) or is_limited():
         return None
-    flight = flight_by_series(field, directions, along, SOME_STEPS, tolerance)
+    flight = flight_by_series(field, directions, along, tolerance)
     identity, count = _identity(field, directions, along, tolerance), rows.shape[1]
     # it pays at once: heyoka's integrator takes as long to compile
     run = load(identity, "FfF", lambda: _program(flight.function, count), after=0.0)
@@ -224,7 +224,7 @@ def _program(flight: Kernel, count: int) -> Program:
 def entry(rows, space, found):
     for k in range(len(rows)):
         x, out = rows[k], found[k]
-        results = flight({", ".join(f"x[{i}]" for i in range(count))}, space)
+        results = flight({", ".join(f"x[{i}]" for i in range(count))}, space, {SOME_STEPS})
         for i in range(len(out)):
             out[i] = results[i]
     return 0

@@ -35,8 +35,8 @@ class Program:
         self.trees: dict[str, ast.FunctionDef] = {}
         self.constants: dict[str, Any] = {"inf": math.inf, "nan": math.nan}
         self.origins: dict[str, str] = {}
-        """The modules of the package that functions are from; kernels and what is glued in are
-        written for a model."""
+        """The modules of the package that functions are from, and those of integrated flights;
+        kernels and what is glued in are written for a model."""
         self.closed: set[str] = set()
 
     def add(self, function: Callable[..., Any], name: str | None = None) -> str:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ast
 import functools
+import hashlib
 import math
 import re
 from collections.abc import Callable, Sequence
@@ -76,24 +77,20 @@ class BySeries(NamedTuple):
 
 @functools.cache
 def flight_by_series(
-    field: str,
-    directions: str,
-    along: bool = False,
-    most: int = MOST_STEPS,
-    tolerance: float = UNIT,
+    field: str, directions: str, along: bool = False, tolerance: float = UNIT
 ) -> BySeries:
     """Return what `Integrator` does for a field and directions, as a plain function.
 
-    It takes the numbers of `Statement.names` and scratch space, and returns NaN where the flow
-    ceases to be finite or takes more than `most` steps, whose errors are about the `tolerance`, as
-    in `Integrator`. With `along` it takes the slopes of all
-    numbers behind these, and returns how all results change along them behind the results.
+    It takes the numbers of `Statement.names`, scratch space, and the largest number of steps, whose
+    errors are about the `tolerance`, as in `Integrator`. It returns NaN where these do not suffice
+    or the flow ceases to be finite. With `along` it takes the slopes of all numbers behind these,
+    and returns how all results change along them behind the results.
 
     Raises NotImplementedError for a field with an operation that has no series here.
     """
     writer = Writer(field, tuple(directions.split()), along)
     order = math.ceil(1.0 - 0.5 * math.log(tolerance))
-    more = {"MOST_STEPS": most, "ORDER": order, "CLOSE": max(CLOSE * UNIT, NEAR * tolerance)}
+    more = {"ORDER": order, "CLOSE": max(CLOSE * UNIT, NEAR * tolerance)}
     return _by_series(writer, "flight", writer.flight("flight"), more, step_length)
 
 
@@ -108,31 +105,30 @@ def path_by_series(field: str) -> BySeries:
     """
     writer = Writer(field, ())
     called = step_length, follow_step, begin_path
-    return _by_series(writer, "path", writer.path("path"), {"MOST_STEPS": MOST_STEPS}, *called)
+    return _by_series(writer, "path", writer.path("path"), {}, *called)
 
 
 def _by_series(
     writer: Writer, name: str, text: str, more: dict[str, float], *called: Callable[..., object]
 ) -> BySeries:
+    """A function from its text, which has a module and names of its own, so that the programs that
+    call it share its machine code."""
     numbers = NUMBERS | {"STRIDE": writer.stride, **more}
-
-    declared = declaration(Family.SERIES, ()) if writer.directions else ""
-
-    def function(name: str, text: str) -> Kernel:
-        file = f"<{name} by {writer.field}>"
-        return function_of(name, declared + text, file, ELEMENTARY, names)
-
-    def with_numbers(text: str) -> str:
-        return _PLACEHOLDER.sub(lambda found: repr(numbers[found[0]]), text)
-
-    names: dict[str, Any] = {"math": math, "tail": tail} | {one.__name__: one for one in called}
-    helpers = dict(writer.helpers)
+    texts = dict(writer.helpers)
     if writer.hides:
-        names["force"] = function("force", writer.force())
-        helpers["misses"] = writer.misses()
-    for helper, lines in helpers.items():
-        names[helper] = function(helper, with_numbers(lines))
-    return BySeries(function(name, with_numbers(text)), (int(numbers["ORDER"]) + 1) * writer.stride)
+        texts |= {"force": writer.force(), "misses": writer.misses()}
+    texts[name] = text
+    own = re.compile(rf"\b({'|'.join(texts)})(?=\()")
+    whole = _PLACEHOLDER.sub(lambda found: repr(numbers[found[0]]), "\0".join(texts.values()))
+    mark = hashlib.sha256(whole.encode()).hexdigest()[:16]
+    declared = declaration(Family.SERIES, ()) if writer.directions else ""
+    names: dict[str, Any] = {"math": math, "tail": tail} | {one.__name__: one for one in called}
+    for helper, lines in zip(texts, own.sub(rf"\1_{mark}", whole).split("\0"), strict=True):
+        marked, file = f"{helper}_{mark}", f"<{helper} by {writer.field}>"
+        function = function_of(marked, declared + lines, file, ELEMENTARY, names)
+        function.__module__ = f"{__name__}.{mark}"
+        names[marked] = function
+    return BySeries(function, (int(numbers["ORDER"]) + 1) * writer.stride)
 
 
 NUMBERS: dict[str, float] = {
@@ -143,8 +139,9 @@ NUMBERS: dict[str, float] = {
     "MORE": 1.0 + MOVED * UNIT,
     "LESS": 1.0 - MOVED * UNIT,
     "SHORTEST_STEP": SHORTEST_STEP,
+    "MOST_STEPS": MOST_STEPS,
 }
-_PLACEHOLDER = re.compile("|".join(rf"\b{name}\b" for name in [*NUMBERS, "STRIDE", "MOST_STEPS"]))
+_PLACEHOLDER = re.compile("|".join(rf"\b{name}\b" for name in [*NUMBERS, "STRIDE"]))
 
 
 @functools.cache
@@ -173,7 +170,7 @@ def flight_kernel(kernel: Kernel) -> BySeries:
             name = f"flown_{len(called)}"
             called[name], space = found.function, max(space, found.space)
             call.func, call.args[:2] = ast.Name(name, ast.Load()), []
-            call.args.append(ast.Name("space", ast.Load()))
+            call.args += [ast.Name("space", ast.Load()), ast.Constant(MOST_STEPS)]
     return _kernel_with(kernel, function, ["space"], called, space)
 
 

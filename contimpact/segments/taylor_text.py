@@ -499,7 +499,7 @@ class Writer:
         ]
         found, none = (f"return ({', '.join(one)})" for one in (wanted, ["nan"] * len(wanted)))
         slopes = [given.replace("g", "e") for given in self.given.values()]
-        more = [*(slopes if ALONG in self.sides else []), "w"]
+        more = [*(slopes if ALONG in self.sides else []), "w", "most"]
         return self.loop(name, ", ".join(more), [], found, none)
 
     def path(self, name: str) -> str:
@@ -512,7 +512,7 @@ class Writer:
             f"made = follow_step({self.freedom}, STRIDE, w, g0, at, h, weights, count, made, way)"
         )
         lines = [each, "if made < 0:", "    return -1"]
-        self.once += ["made = 0", "begin_path(count, way)"]
+        self.once += ["made = 0", "most = MOST_STEPS", "begin_path(count, way)"]
         return self.loop(name, "w, weights, count, way", lines, "return made", "return -1")
 
     def force(self) -> str:
@@ -592,7 +592,7 @@ class Writer:
             f"def {name}({given}, {more}):",
             *_indented(1, self.once + begun),
             "    at, lost = 0.0, 0.0",
-            "    for _ in range(MOST_STEPS):",
+            "    for _ in range(most):",
             *_indented(2, self.each_step),
             "        for k in range(ORDER):",
             "            r, n = tail(w, STRIDE * k), tail(w, STRIDE * (k + 1))",

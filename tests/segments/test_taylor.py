@@ -76,10 +76,14 @@ def blank(function):
     return np.full(function.space, np.nan)
 
 
+def flown_by(function, numbers, most=SOME_STEPS):
+    return function.function(*numbers, blank(function), most)
+
+
 def flown_plainly(field, directions, numbers):
     found = flight_by_series(field, directions)
     with np.errstate(over="ignore", invalid="ignore"):
-        return np.array(found.function(*numbers, blank(found)))
+        return np.array(flown_by(found, numbers))
 
 
 @pytest.mark.parametrize("field", FIELDS)
@@ -112,7 +116,7 @@ def test_second_derivatives_are_those_in_many_digits(field):
     exact = many_digits(CTX).names["flown_of_series"](field, directions, rows)
     exact = np.array([[float(c) for c in row] for row in exact])
     function = flight_by_series(field, directions, along=True)
-    found = function.function(*numbers, *slopes, blank(function))
+    found = flown_by(function, [*numbers, *slopes])
     size = max(1.0, np.max(abs(exact)))
     assert np.max(abs(np.reshape(found, (2, -1)).T - exact)) < 2e-14 * size
 
@@ -198,8 +202,7 @@ def test_a_stiff_flight_is_that_of_the_closed_form():
 def test_flights_that_do_not_stay_finite_or_take_too_many_steps_are_no_number():
     assert all(np.isnan(flown_plainly("a: x0**2 + a", "dt", [3.0, 0.0, 1.0, 1.0, 1.0])))
     given = [40.0, 0.0, 1.0, 1.0, 1.0]
-    limited = flight_by_series("a: -a*x0", "", most=5)
-    assert all(np.isnan(limited.function(*given, blank(limited))))
+    assert all(np.isnan(flown_by(flight_by_series("a: -a*x0", ""), given, most=5)))
 
 
 def test_what_is_known_already_is_not_integrated():
@@ -282,7 +285,7 @@ def test_compiled_flights_are_those_of_the_plain_text(field, monkeypatch, tmp_pa
         program = Program({})
         text = f"""
 def entry(x, w, out):
-    found = flown({given}, w)
+    found = flown({given}, w, {SOME_STEPS})
     for i in range({size}):
         out[i] = found[i]
     return 0
@@ -306,3 +309,26 @@ def test_fields_of_kernels_are_read():
     numbers = [0.4, 0.0, 0.3, 0.1, 1.3]
     exact = integrator(field, ("p_a",))(numbers)
     assert flown_plainly(field, "p_a", numbers) == pytest.approx(exact, rel=1e-14)
+
+
+@needs_llvmlite
+def test_programs_share_the_machine_code_of_a_flight(monkeypatch, tmp_path):
+    """Another program that calls a flight compiles its own functions alone."""
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
+    monkeypatch.setenv("CONTIMPACT_CACHE", str(tmp_path))
+    field = "a b: -a*x0 - b*x0**3 - 0.125*v0"
+    flight, kept = flight_by_series(field, "v0"), []
+    for factor in (1.0, 2.0):
+        program = Program({})
+        text = f"""
+def entry(x, w, out):
+    out[0] = {factor}*flown(x[0], x[1], x[2], x[3], x[4], x[5], w, {SOME_STEPS})[0]
+    return 0
+"""
+        program.glue(text, flown=flight.function)
+        compiled = compiling.load(("shared", str(factor)), "fff", lambda: program)  # noqa: B023
+        out, numbers = np.zeros(1), [1.0, 0.0, 0.5, -0.3, 1.0, 1.0]
+        compiled(np.array(numbers), blank(flight), out)
+        assert out[0] == factor * flown_by(flight, numbers)[0]
+        kept.append({path.name for path in tmp_path.glob("*.o")})
+    assert len(kept[1]) == len(kept[0]) + 1
