@@ -146,6 +146,10 @@ AT_REST = 1e-15
 """Times as large as those of most starts: section coordinates with which a machine without forcing
 rests, whatever the time."""
 
+NEARLY = 1e-6
+"""Times as large as those of most starts: section coordinates that have vanished with a contact,
+after all iterations but for what steps leave that halve them."""
+
 SIZES = 0.1, 1.0, 10.0
 """Sizes of section coordinates that are drawn at random."""
 
@@ -262,6 +266,10 @@ def solve_on_arrays(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
         kept = (astray[origin] < LOST) & (shrunk[origin] < VANISHING)
         if not kept.all():
             z, origin = z[..., kept], origin[kept]
+    if not problem.autonomous:  # where contacts vanish steps are halved, with all coordinates
+        resting = _sizes(z) < NEARLY * typical
+        reached.append(z[..., resting])
+        origins.append(origin[resting])
     if not reached:
         return np.empty((0, n * m + 1)), np.empty(0, dtype=int)
     solutions = np.concatenate(reached, axis=-1).reshape(n * m, -1).T
@@ -745,12 +753,33 @@ def _rotate_to_fastest(here: Linearisation) -> Linearisation:
     return problem.evaluate(problem.with_impacts(rows, span, here.unknowns))
 
 
+BRIEF, BESIDE = 1e-9, 1e-4
+"""Part of an orbit's period below which a flight has no duration, and how far on either side, in
+natural units of its unknowns, it has one."""
+
+
 def _impacts_follow(here: Linearisation) -> bool:
-    """Whether the impacts follow each other, none at the time of the next."""
+    """Whether the impacts follow each other, none at the time of the next, or only here: where two
+    exchange their order, and where a contact vanishes. A flight that slides for no time solves its
+    equations at any value of the parameter."""
     problem = here.problem
-    times = problem.impacts(here.unknowns)[:, 0]
-    span = problem.span(here.unknowns)
-    return bool(np.min(np.diff(np.append(times, times[0] + span))) > 1e-9 * span)
+    parts = _durations(problem, here.unknowns)
+    if np.min(parts) > BRIEF:
+        return True
+    if np.min(parts) < -BRIEF:
+        return False
+    _, directions = here.singular_vectors(here.jacobian)
+    changes = np.zeros(len(parts))
+    for step in BESIDE * directions[problem.n :]:
+        sides = (_durations(problem, here.unknowns + sign * step) for sign in (1.0, -1.0))
+        changes = np.maximum(changes, np.abs(np.subtract(*sides)))
+    return bool(np.all(changes[parts < BRIEF] > BRIEF))
+
+
+def _durations(problem: OrbitProblem, unknowns: Array) -> Array:
+    """The durations of all flights as parts of the orbit's period."""
+    times, span = problem.impacts(unknowns)[:, 0], problem.span(unknowns)
+    return np.diff(np.append(times, times[0] + span)) / span
 
 
 def _same_solution(problem: OrbitProblem, solutions: Array, other: Array) -> Array:

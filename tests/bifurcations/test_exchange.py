@@ -93,6 +93,36 @@ def test_the_motion_continues_with_its_impacts_exchanged(diagram):
     assert diagram.statistics["notes"] == []
 
 
+@pytest.mark.parametrize("off", [0.0, 1e-11])
+def test_a_scene_that_starts_at_the_exchange_has_the_motion_on_both_sides(off):
+    """There the flight between the impacts has no duration: both orders were left out."""
+    there = meeting(1.79, 1.804)
+    walls = [("A", 1, "<=", E1), ("B", 2, "<=", E2)]
+    found = follow(pair(walls, orbits=["AB", "BA"], at=there + off))
+    stable = sorted(
+        (i.low, i.high) for branch in found.branches for i in ci.stable_intervals(branch)
+    )
+    assert stable == [(1.795, pytest.approx(there)), (pytest.approx(there), 1.804)]
+    events = [e for e in found.entries if e.physical]
+    assert [e.label for e in events] == ["T[AB->BA]"] * 2
+    assert [e.opens for e in events] == [(e.branch,) for e in reversed(events)]
+    assert found.statistics["notes"] == []
+
+
+def test_contacts_are_found_where_they_vanish():
+    """At omega = sqrt(k + a/e) undamped motion grazes: C and R are at once there, at rest, and
+    Newton's steps are halved."""
+    stop = ci.SoftStop(a=1.0, omega=math.sqrt(3.0), c=0.0, k=1.0, e=0.5, k_b=0.2, c_b=0.0)
+    resting, other = sorted(find_orbits(stop, "CR", starts=16), key=lambda o: abs(o.velocities[0]))
+    assert np.ptp(resting.times) < 1e-6
+    assert np.ptp(other.times) > 0.1
+    (v,) = (
+        e for e in ci.continue_orbit(resting, "omega", range=(1.72, 1.74)).events if e.kind == "V"
+    )
+    assert v.value == pytest.approx(math.sqrt(3.0), abs=1e-9)
+    assert v.physical
+
+
 def test_machines_of_more_than_two_guards_are_followed_where_they_are_physical():
     """And drawn so; from three guards on words have letters."""
     walls = [("A", 1, "<=", E1), ("B", 2, "<=", E2)]

@@ -149,3 +149,12 @@ def test_a_path_through_all_of_them():
         simulator = Simulator(Belt(**VALUES | {"a": a}))
         run = simulator.run(simulator.state("S", 1.0, 0.5), impacts=80 + len(word))
         assert run.word[-len(word) :] in word * 2
+
+
+@pytest.mark.parametrize("parameter", ["a", "omega"])
+def test_words_of_flights_that_slide_for_no_time_are_not_found(parameter):
+    """At any amplitude there are solutions of CBP with a flight from B to P of no duration."""
+    found = ci.find_orbits(Belt(**VALUES | {"a": 1.74}), "CBP", parameter, starts=32, rounds=2)
+    assert found
+    for orbit in found:
+        assert np.min(np.diff([*orbit.times, orbit.times[0] + orbit.period])) > 1e-3
