@@ -17,7 +17,7 @@ from ..continuation.branch import EndKind, Location, Problem, TestFunction
 from ..continuation.corrector import orient_vector
 from ..models.guards import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
-from .codimension_two import GrazingCoincides, MultiplierCoincides, PairCoincides, StopCoincides
+from .codimension_two import MultiplierCoincides, PairCoincides, leaving_tests
 from .extended_system import (
     ROUNDING,
     Crossing,
@@ -110,7 +110,7 @@ class BP(Kind):
 
     def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
         also = MultiplierCoincides(self, "PD"), PairCoincides(self)
-        return [GrazingCoincides(self.name), StopCoincides(self.name), *also]
+        return [*leaving_tests(self.name), *also]
 
 
 def directions_at(here: Linearisation) -> list[Array] | None:

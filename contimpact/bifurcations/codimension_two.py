@@ -5,6 +5,7 @@ kind   on           test function
 ====== ============ ======================================================================
 FB-G.. FB, BP, PD   smallest interior gap of each flight and wall: the orbit also grazes
 ..-V   FB, BP, PD   velocity of each impact
+..-T   FB, BP, PD   duration of each flight
 G-PD   G, V         determinant of C(-1) of the orbit that grazes
 G-FB   G, V         determinant of C(1) of the orbit that grazes (the old branch folds), and
                     parameter rate of the branch with one impact more (its fold is born)
@@ -85,6 +86,8 @@ MARKERS = {
     "FB-G": "p",
     "FB-V": "X",
     "PD-V": "*",
+    "FB-T": "$T$",
+    "PD-T": "$t$",
     "R1": "<",
     "R2": ">",
     "FB-BP": "d",
@@ -93,6 +96,7 @@ MARKERS = {
     "R4": "$4$",
     "BP-G": "x",
     "BP-V": "+",
+    "BP-T": "4",
     "FB-PD": "h",
     "FB-NS": "H",
     "PD-NS": "8",
@@ -186,6 +190,39 @@ class StopCoincides(CurveTest):
 
     def other(self, here: CurvePoint, index: int) -> tuple[str, Details]:
         return "V", {"impact": index}
+
+
+class OrderCoincides(CurveTest):
+    """A flight of the bifurcating orbit loses its duration, but for excursions: theirs go with
+    velocities."""
+
+    noise = 1e-12
+
+    def __init__(self, kind: str) -> None:
+        self.kind = f"{kind}-T"
+        self.changes = (
+            f"a flight loses its duration on the orbit of the {kind}: beyond, impacts are out of "
+            "order"
+        )
+
+    def of(self, here: CurvePoint) -> ArrayLike:
+        orbit = here.orbit
+        times = orbit.problem.impacts(orbit.unknowns)[:, 0]
+        durations = np.append(times[1:], times[:1] + orbit.span) - times
+        durations[list(orbit.problem.excursions)] = np.nan
+        return np.asarray(durations / orbit.span)
+
+    def other(self, here: CurvePoint, index: int) -> tuple[str, Details]:
+        return "T", {"flight": index}
+
+    def born(self, here: CurvePoint, index: int) -> list[CurveStart]:
+        """None: T has no curves."""
+        return []
+
+
+def leaving_tests(kind: str) -> list[CurveTest]:
+    """Return the tests of where orbits of a kind that touches nothing become unphysical."""
+    return [GrazingCoincides(kind), StopCoincides(kind), OrderCoincides(kind)]
 
 
 ONE_EIGENVECTOR = 1e-6

@@ -32,8 +32,8 @@ from .codimension_two import (
     PairCoincides,
     Resonance,
     SecondEigenvector,
-    StopCoincides,
     double_orbit,
+    leaving_tests,
     scaled_determinant,
 )
 from .extended_system import (
@@ -172,8 +172,8 @@ class PD(Kind):
     def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
         double = Resonance("R2", -1.0), SecondEigenvector("PD-PD", -1.0)
         also = MultiplierCoincides(self, "FB"), PairCoincides(self)
-        first = DoublingGrazes(self.name), StopCoincides(self.name), DoublingTurns()
-        return [*first, *double, *also]
+        _, *leaving = leaving_tests(self.name)
+        return [DoublingGrazes(self.name), *leaving, DoublingTurns(), *double, *also]
 
 
 def _second_order_term(here: Linearisation, q: Array) -> Array:

@@ -9,12 +9,11 @@ from ..models.guards import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from .codimension_two import (
     CurveTest,
-    GrazingCoincides,
     MultiplierCoincides,
     PairCoincides,
     Resonance,
     SecondEigenvector,
-    StopCoincides,
+    leaving_tests,
 )
 from .extended_system import (
     ExtendedSystem,
@@ -79,5 +78,4 @@ class FB(Kind):
     def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
         double = Resonance("R1", 1.0), SecondEigenvector("FB-BP", 1.0)
         also = MultiplierCoincides(self, "PD"), PairCoincides(self)
-        first = GrazingCoincides(self.name), StopCoincides(self.name), Cusp()
-        return [*first, *double, *also]
+        return [*leaving_tests(self.name), Cusp(), *double, *also]

@@ -9,7 +9,7 @@ from ..continuation.branch import TestFunction
 from ..errors import require_known
 from ..models.guards import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding_of_setup
-from .codimension_two import GrazingCoincides, StopCoincides
+from .codimension_two import leaving_tests
 from .declarations import REQUESTED
 from .extended_system import EPSILON, ExtendedSystem, Orbits, ReachedTest, ScalarTest
 from .kind import Details, Equations, Kind, Look, System, Values, declared
@@ -79,7 +79,7 @@ class UZ(Kind):
         return ReachedTest(problem, RequestedValues(problem, {name: [value]}), 0)
 
     def codimension_two(self, word: Word) -> list[TestFunction]:
-        return [GrazingCoincides(self.name), StopCoincides(self.name)]
+        return [*leaving_tests(self.name)]
 
     def in_many_digits(self, orbit: Equations, unknowns: Array, details: Details) -> System:
         ((name, wanted),) = details["requested"].items()

@@ -16,13 +16,7 @@ from ..continuation.branch import EndKind, Point, TestFunction
 from ..models.guards import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding
 from ..orbits.status import neimark_sacker, pair_on_circle
-from .codimension_two import (
-    CurveTest,
-    GrazingCoincides,
-    MultiplierCoincides,
-    PairCoincides,
-    StopCoincides,
-)
+from .codimension_two import CurveTest, MultiplierCoincides, PairCoincides, leaving_tests
 from .extended_system import (
     ExtendedSystem,
     OrbitEvent,
@@ -187,7 +181,6 @@ class NS(Kind):
         return EndKind.RESONANCE if abs(own[-1]) > 1.0 else None
 
     def codimension_two(self, word: Word) -> list[TestFunction]:
-        grazes, stops = GrazingCoincides(self.name), StopCoincides(self.name)
         also = [MultiplierCoincides(self, kind) for kind in ("FB", "BP", "PD")]
         resonances = [StrongResonance(3), StrongResonance(4)]
-        return [grazes, stops, *resonances, *also, PairCoincides(self)]
+        return [*leaving_tests(self.name), *resonances, *also, PairCoincides(self)]

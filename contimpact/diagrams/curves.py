@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..bifurcations.codimension_two import GrazingCoincides, StopCoincides, double_orbit
+from ..bifurcations.codimension_two import double_orbit, leaving_tests
 from ..bifurcations.declarations import REQUESTED
 from ..bifurcations.extended_system import (
     EPSILON,
@@ -759,7 +759,7 @@ class Isoline(Kind):
         return UserFunction(self.name, lambda point: self.level.away(point.evaluation))
 
     def codimension_two(self, word: Word) -> list[TestFunction]:
-        return [GrazingCoincides(self.name), StopCoincides(self.name)]
+        return [*leaving_tests(self.name)]
 
 
 def _number(found: object) -> float:

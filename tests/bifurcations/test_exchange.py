@@ -109,6 +109,23 @@ def test_a_scene_that_starts_at_the_exchange_has_the_motion_on_both_sides(off):
     assert found.statistics["notes"] == []
 
 
+@pytest.mark.full
+def test_a_curve_marks_where_impacts_exchange_their_order():
+    """Beyond, the orbits that double their period have impacts out of order."""
+    walls, places = [("A", 1, "<=", E1), ("B", 2, "<=", "e")], {"e": E2}
+    model = pair(walls, orbits=["AB"], values=places).model
+    branch = ci.continue_orbit(physical(model, "AB"), range=(1.79, 1.82), events=["PD"])
+    curve = ci.follow_curve(branch.events[-1], model, "e", (1.8, 2.2), (0.15, 0.402))
+    (point,) = curve.points
+    assert (point.kind, curve.missed) == ("PD-T", [])
+    omega, place = point.parameters["omega"], point.parameters["e"]
+    apart = phase(omega, K1, E1) - phase(omega, K2, place)
+    assert math.sin(apart) == pytest.approx(0.0, abs=1e-9)
+    ordered = curve["e"] < place
+    assert (curve["physical"][ordered] == 1).all()
+    assert (curve["physical"][curve["e"] > place] == 0).all()
+
+
 def test_contacts_are_found_where_they_vanish():
     """At omega = sqrt(k + a/e) undamped motion grazes: C and R are at once there, at rest, and
     Newton's steps are halved."""

@@ -268,10 +268,8 @@ def test_each_pair_of_parameters_has_its_picture(tmp_path):
 
 def test_points_of_codimension_two_have_marks_of_their_own():
     """R3 and R4 of one curve had the same one."""
-    kinds = (
-        "PD-G G-PD FB-G BP-G PD-V FB-V BP-V G-FB DG CP GPD R1 R2 R3 R4 FB-BP PD-PD NS-NS".split()
-    )
-    kinds += ["FB-PD", "PD-FB", "FB-NS", "NS-FB", "PD-NS", "NS-PD"]
+    kinds = "PD-G G-PD FB-G BP-G PD-V FB-V BP-V PD-T FB-T BP-T G-FB DG CP GPD R1 R2 R3 R4".split()
+    kinds += ["FB-BP", "PD-PD", "NS-NS", "FB-PD", "PD-FB", "FB-NS", "NS-FB", "PD-NS", "NS-PD"]
     place = {"s": 0.35, "r": 0.35, "d": 0.22}
     points = [Codim2(f"c1.{k}", "c1", k, "", place, [], 0.0, 0.0) for k in kinds]
     axes = plot_curves([dataclasses.replace(IN_R, points=points)])
