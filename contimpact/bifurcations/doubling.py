@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..continuation.branch import TestFunction
+from ..continuation.branch import Event, TestFunction
 from ..continuation.corrector import orient_vector
 from ..models.guards import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
@@ -75,6 +75,11 @@ class PeriodDoubling(SingularTest):
         return orbits.doubling[:, None]
 
 
+AT_REST = 1e-4
+"""Velocity of an impact, beside the largest, below which a zero of a determinant is that of the
+velocity."""
+
+
 class DoublingTurns(CurveTest):
     """GPD: the numerator of c, which has no pole where the curve turns in lambda, times det C(1),
     which leaves it none where the orbit also folds."""
@@ -84,6 +89,12 @@ class DoublingTurns(CurveTest):
 
     def of(self, here: CurvePoint) -> float:
         return _bend(here.orbit)[0] * scaled_determinant(here.orbit, 1.0)
+
+    def accept(self, event: Event[CurvePoint]) -> bool:
+        """Where a contact ends at rest, C(1) is singular without the multiplier 1."""
+        orbit = event.point.evaluation.orbit
+        speeds = np.abs(orbit.problem.impacts(orbit.unknowns)[:, 1])
+        return bool(np.all(speeds > AT_REST * np.max(speeds, initial=0.0)))
 
     def born(self, here: CurvePoint, index: int) -> list[CurveStart]:
         """The fold of the doubled orbit, z = z_0 + a (q, -q) + a^2 (w, w), at a = 0."""

@@ -184,10 +184,11 @@ def locate(
 
     The first guess is linear interpolation along the cubic between both points. If Newton fails or
     leaves the arc, the bracket is narrowed along the branch and Newton tried again; a bracket
-    narrowed to rounding is itself the answer. None where it is no crossing.
+    narrowed to rounding, or to where no point is reached, is itself the answer. None where it is no
+    crossing.
     """
     missed = functools.partial(_missed_between, test, arc, index)
-    a, b, fa, fb = 0.0, 1.0, left, right
+    a, b, fa, fb, most = 0.0, 1.0, left, right, max(abs(left), abs(right))
     first = _next_fraction(a, b, fa, fb, 0)
     event = test.locate_on(arc, first, index)
     if event is not None and event.error <= ACCEPTED_ERROR * arc.scale[-1]:
@@ -198,9 +199,12 @@ def locate(
         return event
     for attempt in range(60):
         fraction = _next_fraction(a, b, fa, fb, attempt)
-        guess = arc.at(fraction) or arc.at(a + BESIDE * (fraction - a))
-        if guess is None:  # beside a branch point as well as on it
-            return missed(NO_POINT, a, b)
+        reached = arc.at(fraction) or arc.at(a + BESIDE * (fraction - a))
+        if reached is None:  # beside a branch point as well as on it
+            if max(abs(fa), abs(fb)) > SHRUNK * most:
+                return missed(NO_POINT, a, b)
+            break
+        guess = reached
         if attempt % 8 == 0:
             event = _locate_by_newton(test, arc, guess, index)
             if event is not None:
@@ -227,7 +231,6 @@ def locate(
         if b - a <= 8.0 * EPSILON or value == 0.0:
             break
     assert guess is not None
-    most = max(abs(left), abs(right))
     if min(abs(fa), abs(fb)) > SHRUNK * most:
         return None if _enters(test, arc, index, a, b) else missed(JUMPS, a, b)
     event = _locate_by_bracket(test, arc, guess, index, 0.0 if value == 0.0 else b - a)

@@ -19,7 +19,7 @@ from contimpact.diagrams.orbit_branch import continue_born, continue_orbit
 from contimpact.errors import InputError
 from contimpact.models.guards import Word
 from contimpact.orbits.quiet import problem_of
-from contimpact.orbits.search import find_orbits
+from contimpact.orbits.search import find_orbits, orbit_at
 from contimpact.results.catalogue import load_diagram, load_entries, write_diagram
 from contimpact.results.curve import CheckedOrbit, real_heights, regions
 from contimpact.results.scene import read_scene
@@ -710,3 +710,46 @@ def test_nothing_is_missed_at_an_end_in_a_shorter_orbit(name):
     curve = follow_curve(entry, model, second, first, (low, high))
     assert [end.kind.name for end in curve.ends].count("SHORTER") == 1
     assert curve.missed == []
+
+
+@pytest.mark.full
+def test_a_doubling_whose_contact_ends_at_rest_is_no_turning_point_but_a_pd_v():
+    """C(1) is singular there, as C(-1) is, without a multiplier: a GPD was located, at which the
+    coefficient is 0.0132, and the PD-V was not, since no point is reached close to it."""
+    law = "a*cos(w*t) - x - 0.1*v"
+    model = read_scene(
+        {
+            "name": "between soft stops",
+            "model": {
+                "system": "hybrid",
+                "period": "2*pi/w",
+                "parameters": {"a": 0.671121, "w": 0.8892004309986946},
+                "modes": {
+                    "free": {"x": "v", "v": law},
+                    "right": {"x": "v", "v": f"{law} - 50*(x - 1/2)"},
+                    "left": {"x": "v", "v": f"{law} - 50*(x + 1/2)"},
+                },
+                "guards": {
+                    "A": {"mode": "free", "within": "x <= 1/2", "to": "right"},
+                    "B": {"mode": "right", "within": "x >= 1/2", "to": "free"},
+                    "L": {"mode": "free", "within": "x >= -1/2", "to": "left"},
+                    "R": {"mode": "left", "within": "x <= -1/2", "to": "free"},
+                },
+            },
+            "follow": {"parameter": "w", "range": [0.8, 1.0], "orbits": ["ABLR"]},
+        }
+    ).model
+    problem = problem_of(model, Word("ABLR", 1), Kernels(model, "w"))
+    rows = [6.88839, 1.00617], [7.33494, -0.9846], [10.003, -0.01199], [9.64812, 0.00317]
+    orbit = orbit_at(problem, np.append(rows, model.values["w"]))
+    (entry,) = continue_orbit(orbit, range=(0.8882, 0.8902), events=["PD"]).events
+    curve = follow_curve(entry, model, "a", (0.88, 0.895), (0.671, 0.6745))
+    assert curve.missed == []
+    places = {point.kind: point.parameters["a"] for point in curve.points}
+    assert places.keys() == {"PD-V", "GPD"}
+    assert len(curve.points) == 2
+    assert places["GPD"] == pytest.approx(0.6730900788846, abs=1e-11)
+    stops = next(point for point in curve.points if point.kind == "PD-V")
+    assert stops.error < 1e-6
+    # where the velocity vanishes by the line through points at 2.7e-8 and -2.3e-7
+    assert places["PD-V"] == pytest.approx(0.67243575, abs=stops.error + 1e-8)
