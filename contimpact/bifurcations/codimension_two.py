@@ -361,12 +361,16 @@ class DegenerateTouch(CurveTest):
         self.touch = touch
 
     def of(self, here: CurvePoint) -> ArrayLike:
-        orbit, problem = here.orbit, here.orbit.problem
         flight, wall, since = self.touch(here)
-        left, row = problem.leaving(orbit.unknowns, flight)
-        return problem.kernels.gap_after(left, wall)(*row, since, *problem.values(orbit.unknowns))[
-            2
-        ]
+        return _acceleration(here.orbit, flight, wall, since)
+
+
+def _acceleration(orbit: Linearisation, flight: int, wall: str, since: float) -> float:
+    """The second derivative of the gap to a wall, so long after a flight has begun."""
+    problem = orbit.problem
+    left, row = problem.leaving(orbit.unknowns, flight)
+    gap = problem.kernels.gap_after(left, wall)(*row, since, *problem.values(orbit.unknowns))
+    return float(gap[2])
 
 
 SMALLEST = -700.0
@@ -426,27 +430,53 @@ class FoldBorn(TouchSingular):
         self.touch = touch
 
     def of(self, here: CurvePoint) -> ArrayLike:
-        flight, _, since = self.touch(here)
+        flight, wall, since = self.touch(here)
         begin, _ = here.orbit.problem.times_around(here.orbit.unknowns, flight)
-        if _leaves_no_trace(self.counted(here), begin + since):
+        orbit = self.counted(here)
+        there = _impacts_at(orbit, begin + since)
+        if _leaves_no_trace(orbit, there):
             return np.nan
-        acceleration = DegenerateTouch(self.touch).of(here)  # a factor, which is no fold's
-        return np.sign(acceleration) * np.asarray(super().of(here))
+        value = np.asarray(super().of(here))
+        if _changes_acceleration(orbit, int(np.argmax(there)), wall):
+            return value
+        factor = _acceleration(here.orbit, flight, wall, since)  # which is no fold's
+        return np.sign(factor) * value
 
 
 NO_TRACE = 1e-7
 """Part of an equation's size below which what an impact at rest changes in it is rounding: times of
 touches are known to the square root of rounding only."""
+
 TOGETHER = 1e-6
 """Part of the period within which impacts happen at once."""
 
+SMOOTH = 1e-6
+"""Change of an acceleration, beside natural ones, that is rounding."""
 
-def _leaves_no_trace(orbit: Linearisation, time: float) -> bool:
-    """Whether impacts at a time can move together, to the first order, so that no flight before or
-    after them changes at its other end."""
-    problem, unknowns, span = orbit.problem, orbit.unknowns, orbit.span
-    apart = problem.impacts(unknowns)[: len(problem.word), 0] - time
-    there = np.abs(apart - span * np.round(apart / span)) < TOGETHER * span
+
+def _impacts_at(orbit: Linearisation, time: float) -> Array:
+    """Which impacts are at a time."""
+    problem, span = orbit.problem, orbit.span
+    apart = problem.impacts(orbit.unknowns)[: len(problem.word), 0] - time
+    return np.abs(apart - span * np.round(apart / span)) < TOGETHER * span
+
+
+def _changes_acceleration(orbit: Linearisation, impact: int, wall: str) -> bool:
+    """Whether an impact at rest changes the acceleration of its gap, as where friction does: what
+    its time changes then does not vanish with that acceleration."""
+    before = impact - 1 if impact else len(orbit.problem.word) - 1
+    begin, end = orbit.problem.times_around(orbit.unknowns, before)
+    sides = (
+        _acceleration(orbit, before, wall, end - begin),
+        _acceleration(orbit, impact, wall, 0.0),
+    )
+    return bool(abs(sides[1] - sides[0]) > SMOOTH * orbit.sizes[1][1] / orbit.span)
+
+
+def _leaves_no_trace(orbit: Linearisation, there: Array) -> bool:
+    """Whether impacts can move together, to the first order, so that no flight before or after
+    them changes at its other end."""
+    problem = orbit.problem
     (rows, sizes), moved = orbit.sizes, np.flatnonzero(np.repeat(there, problem.m))
     own = orbit.cyclic(0.0)
     around = orbit.cyclic(1.0) - own

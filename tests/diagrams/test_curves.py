@@ -753,3 +753,38 @@ def test_a_doubling_whose_contact_ends_at_rest_is_no_turning_point_but_a_pd_v():
     assert stops.error < 1e-6
     # where the velocity vanishes by the line through points at 2.7e-8 and -2.3e-7
     assert places["PD-V"] == pytest.approx(0.67243575, abs=stops.error + 1e-8)
+
+
+@pytest.mark.full
+def test_no_fold_is_born_where_a_touch_that_reverses_friction_has_no_acceleration():
+    """The determinant has no factor that vanishes there, and its sign made a G-FB that jumped."""
+    force = "a*cos(w*t) - x - 0.062*v"
+    model = read_scene(
+        {
+            "name": "friction",
+            "model": {
+                "system": "hybrid",
+                "period": "2*pi/w",
+                "parameters": {"a": 0.97, "w": 0.553},
+                "modes": {
+                    "up": {"x": "v", "v": f"{force} - 0.213"},
+                    "down": {"x": "v", "v": f"{force} + 0.323"},
+                },
+                "guards": {
+                    "A": {"mode": "up", "within": "v >= 0.045", "to": "down"},
+                    "B": {"mode": "down", "within": "v <= 0.045", "to": "up"},
+                },
+            },
+            "follow": {"parameter": "w", "range": [0.54, 0.57], "orbits": ["AB"]},
+        }
+    ).model
+    events = [
+        event
+        for orbit in find_orbits(model, "AB", parameter="w", starts=64)
+        for event in continue_orbit(orbit, range=(0.54, 0.57), events=["V"]).events
+    ]
+    curves = [follow_curve(event, model, "a", (0.54, 0.57), (0.96, 1.02)) for event in events]
+    (curve,) = (curve for curve in curves if curve.points)
+    ((kind, a),) = ((point.kind, point.parameters["a"]) for point in curve.points)
+    assert (kind, curve.missed) == ("DG", [])
+    assert a == pytest.approx(0.98889683545, abs=1e-10)
