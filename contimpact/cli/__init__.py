@@ -273,6 +273,7 @@ def parser() -> argparse.ArgumentParser:
         default=[],
     )
     argument(range_, "-o --output FILE", "file to write as a table (csv)")
+    argument(range_, "-q --quiet", "print nothing but errors")
 
     fit = add("fit", "scenes.fit", "estimate parameters from measured impacts")
     argument(fit, "scene SCENE", "a scene file (TOML) with starting values")
@@ -288,10 +289,12 @@ def parser() -> argparse.ArgumentParser:
     )
     argument(fit, "--no-clock", "times are those of the model's clock")
     argument(fit, "-o --output FILE", "picture of the residuals to write")
+    argument(fit, "-q --quiet", "print nothing but errors")
 
     design = add("design", "scenes.design", "maximise an output at a margin from bifurcations")
     argument(design, "scene SCENE", "a scene file (TOML) with [design]")
     argument(design, "-o --output FILE", "file to write as a table (csv)")
+    argument(design, "-q --quiet", "print nothing but errors")
 
     completion = add("completion", "manual.completion", "print the completion of a shell")
     argument(completion, "shell", "the shell", choices=["bash", "zsh", "fish"])

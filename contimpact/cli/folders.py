@@ -75,16 +75,23 @@ def ranges(options: argparse.Namespace) -> int:
     from ..diagrams.ranges import load_ranges, ranges_text
 
     folder, systems = Path(options.folder), systems_of(options.system)
-    with kept_still(folder, only_read=True), telling(folder.name, patient=True) as tell:
+    with (
+        kept_still(folder, only_read=True),
+        telling(folder.name, options.quiet, patient=True) as tell,
+    ):
         tell("reading")
         alone = is_there(folder / "sweep.csv") and not is_there(folder / "catalogue.json")
         found = load_ranges(folder, scene_in(folder, systems).model if alone else None)
-    for text in [*map(found.describe, options.at), *found.notes] if options.at else [repr(found)]:
-        say(text)
+    try:
+        texts = [*map(found.describe, options.at), *found.notes] if options.at else [repr(found)]
+    except InputError as error:
+        raise InputError("--at", f"{error.found} for {error.where}", error.accepted) from None
     if options.output:
         target = Path(options.output)
         write_all(target.parent, {target.name: partial(ranges_text, found)})
-        say(f"written to {target}")
+        texts.append(f"written to {target}")
+    for text in texts if not options.quiet else ():
+        say(text)
     return 0
 
 

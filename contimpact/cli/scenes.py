@@ -44,7 +44,7 @@ def fit(options: argparse.Namespace) -> int:
         raise InputError("-o", f"format {kind!r}", f"accepted are {', '.join(FORMATS)}")
     _require_place(options)
     deviations = dict(map(_deviation, options.deviation))
-    with telling(scene.name, patient=True) as tell:
+    with telling(scene.name, options.quiet, patient=True) as tell:
         tell("fitting")
         found = fit_impacts(
             scene.model,
@@ -55,13 +55,17 @@ def fit(options: argparse.Namespace) -> int:
             clock=not options.no_clock,
             rng=scene.seed,
         )
-    say(repr(found))
+    if not options.quiet:
+        say(repr(found))
+    elif found.reason is not None:
+        complain(found.reason)
     if options.output:
         from ..plots.diagram import write_figure
         from ..plots.orbit import plot_fit
 
         write_figure(plot_fit(found)[0].figure, target, kind, scene.name)
-        say(f"written to {target}")
+        if not options.quiet:
+            say(f"written to {target}")
     return 0 if found.reason is None else 1
 
 
@@ -93,17 +97,22 @@ def design(options: argparse.Namespace) -> int:
     if options.output and Path(options.output).suffix != ".csv":
         raise InputError("-o", f"found {options.output!r}", "give a file that ends in .csv")
     _require_place(options)
-    with telling(scene.name, patient=True) as tell:
+    with telling(scene.name, options.quiet, patient=True) as tell:
         found = find_design(scene, progress=tell)
+    failed = found.best is None and found.chaos is None
     with defer_interruptions(Interruption()):
-        say(repr(found))
+        if not options.quiet:
+            say(repr(found))
+        elif failed:
+            complain(repr(found))
         if options.output:
             write_text(Path(options.output), found.table())
-            say(f"written to {options.output}")
+            if not options.quiet:
+                say(f"written to {options.output}")
     if found.interrupted:
         complain(f"{INTERRUPTED} ({found.interrupted}); what is shown was found until then")
         return 1
-    return 0 if found.best is not None or found.chaos is not None else 1
+    return 1 if failed else 0
 
 
 def report(options: argparse.Namespace) -> int:

@@ -167,6 +167,8 @@ class _Director:
                 self.result.interrupted = self.result.interrupted or stage
                 last = re.sub(r", about \d+ s left", "", self.progress.last)
                 self.result.stopped = self.result.stopped or last
+                if stage in ("sweep", "random"):
+                    self.result.sweep = replace(self.result.sweep, interrupted=True)
             self.result.seconds[stage] = time.perf_counter() - began
             if self.result.interrupted:
                 break

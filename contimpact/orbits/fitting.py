@@ -92,7 +92,8 @@ def read_impacts(data: str | Path | Mapping[str, Sequence[Any]]) -> Impacts:
     try:
         lines = Path(data).read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(str(data), f"it cannot be read ({error})", "give a CSV file") from None
+        why = getattr(error, "strerror", None) or error
+        raise InputError(str(data), f"it cannot be read ({why})", "give a CSV file") from None
     kept = [
         (i, line) for i, line in enumerate(lines, 1) if line.strip() and line.lstrip()[0] != "#"
     ]

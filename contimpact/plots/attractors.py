@@ -371,6 +371,9 @@ def plot_sweep(
             continue
         text = f"simulated, {_direction_text(sweep, direction, x)}" + (": others" if number else "")
         entries.append(style.legend_mark(label=text, color=INK, **mark, **HOLLOW))
+    if sweep.interrupted:
+        text = "interrupted: values or directions are missing"
+        entries.append(style.legend_mark(label=text, linestyle="none"))
     ax.set_xlim(*xlim)
     bottom, top = (0.0, 0.0) if diagram is None else ax.get_ylim()
     margin = 0.06 * (max(speeds) - min(speeds) or 1.0)

@@ -95,6 +95,17 @@ def sweep_cells(path: Path) -> tuple[str, list[dict[str, str]]]:
         return str(head.get("parameter", "")), rows
 
 
+def stopped_at(path: Path) -> str:
+    """Return what a simulation was doing, by its ``sweep.csv``, when it ended early; nothing of one
+    that did not.
+
+    Raises InputError if the table is damaged.
+    """
+    with check_reading(path, SWEEP), open_plain(path) as file:
+        head = json.loads(file.readline(LONGEST).decode().removeprefix("# "))
+        return str(head.get("interrupted") or "")
+
+
 def simulation_remarks(folder: Path) -> list[str]:
     """Return what is said of a simulation in a folder that ended early; nothing of one that did
     not.
@@ -102,11 +113,7 @@ def simulation_remarks(folder: Path) -> list[str]:
     Raises InputError if its table is damaged.
     """
     path = folder / "sweep.csv"
-    if not is_there(path):
-        return []
-    with check_reading(path, SWEEP), open_plain(path) as file:
-        head = json.loads(file.readline(LONGEST).decode().removeprefix("# "))
-        stopped = head.get("interrupted")
+    stopped = stopped_at(path) if is_there(path) else ""
     lost = f"the simulation ended early ({stopped}): attractors and what follows from them may be "
     return [f"{lost}missing; contimpact simulate --resume finds them"] if stopped else []
 

@@ -31,6 +31,7 @@ from ..results.catalogue import (
     load_diagram,
     read_branch,
     read_curve,
+    stopped_at,
     sweep_cells,
     write_diagram,
 )
@@ -281,7 +282,7 @@ def sweep_of(path: Path, model: Model) -> Sweep:
     kernels = Kernels(model, parameter)
     with check_reading(path, SWEEP):
         rows = [_attractor_row(cells, model, parameter, kernels) for cells in table]
-    return Sweep(model, parameter, rows)
+    return Sweep(model, parameter, rows, stopped_at(path).startswith(("sweep", "random")))
 
 
 def _attractor_row(cells: Mapping[str, str], model: Model, parameter: str, kernels: Kernels) -> Row:

@@ -43,6 +43,23 @@ def test_a_fit_is_printed_and_drawn(files, capsys):
     assert target.read_bytes()[:4] == b"\x89PNG"
 
 
+def test_a_file_that_cannot_be_read_is_told_in_words(files, capsys):
+    scene, missing = str(files / "scene.toml"), str(files / "none.csv")
+    assert main(["fit", scene, missing, "--parameter", "r"]) == 2
+    told = capsys.readouterr().err
+    assert "none.csv: it cannot be read (No such file or directory); give a CSV file" in told
+
+
+@pytest.mark.full
+def test_nothing_is_printed_where_that_is_asked_for(files, capsys):
+    assert called(files, "--parameter", "r", *GIVEN, "-q") == 0
+    assert capsys.readouterr() == ("", "")
+    assert called(files, "--parameter", "A", "--parameter", "M", "--orbit", "1:1", "-q") == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "do not determine A and M apart" in err
+
+
 @pytest.mark.full
 def test_what_is_not_determined_is_a_failure(files, capsys):
     assert called(files, "--parameter", "A", "--parameter", "M", "--orbit", "1:1") == 1

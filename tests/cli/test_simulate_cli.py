@@ -17,8 +17,10 @@ from zoo import SMALL
 from contimpact import cli
 from contimpact.diagrams import scene_simulation
 from contimpact.errors import InputError
+from contimpact.plots.attractors import plot_sweep
 from contimpact.results.result_folder import ROWS, WRITTEN, own_files
 from contimpact.results.scene import read_scene
+from contimpact.simulation.files import sweep_of
 
 pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
 
@@ -407,6 +409,19 @@ def test_what_is_drawn_of_an_interrupted_simulation_says_so(
     assert said in capsys.readouterr().out
     assert cli.main(["plot", out]) == 0
     assert said in capsys.readouterr().err
+    read = sweep_of(tmp_path / "out" / "sweep.csv", read_scene(tomllib.loads(SCENE)).model)
+    assert read.interrupted
+    if rows:
+        labels = [text.get_text() for text in plot_sweep(read).get_legend().get_texts()]
+        assert "interrupted: values or directions are missing" in labels
+
+
+def test_values_without_attractors_are_those_of_at(simulated, capsys):
+    folder = simulated(SCENE)
+    assert cli.main(["range", str(folder), "--at", "99"]) == 2
+    assert "--at: found 99.0 for s; give one from" in capsys.readouterr().err
+    assert cli.main(["range", str(folder), "-q"]) == 0
+    assert capsys.readouterr().out == ""
 
 
 def test_a_simulation_that_has_no_attractor_yet_is_not_drawn(
