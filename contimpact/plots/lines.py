@@ -769,7 +769,8 @@ def name_walls(ax: Any, pieces: Sequence[Piece], colours: Mapping[str, str]) -> 
         offset: dict[str, Any] = {"textcoords": "offset points", "annotation_clip": False}
         offset |= {"path_effects": HALO, "zorder": 6}
         beside = right - place < 0.03 * wide  # a letter would lie on the frame
-        spot, shift = ((right, lowest), (5, 0)) if beside else ((place, lowest), (3, 7))
+        above = 7 if ax.get_ylim()[1] - lowest > apart else -7
+        spot, shift = ((right, lowest), (5, 0)) if beside else ((place, lowest), (3, above))
         ax.annotate(wall, spot, shift, ha="left", va="center", **offset, **look)
 
 

@@ -265,3 +265,14 @@ def test_names_of_orbits_keep_off_the_letters_of_walls():
     figure.draw_without_rendering()
     letter, name = (Text.get_window_extent(text) for text in ax.texts)
     assert not letter.overlaps(name)
+
+
+@pytest.mark.parametrize("top", [0.5, 0.9, 0.96])
+def test_letters_of_walls_keep_off_the_frame(top):
+    figure = matplotlib.figure.Figure()
+    ax = figure.add_subplot(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
+    piece = Piece("U", "stable", np.linspace(0.5, 0.95, 20), np.linspace(0.2, top, 20), "1:1")
+    placing.name_walls(ax, [piece], {"U": "tab:blue"})
+    figure.draw_without_rendering()
+    (letter,) = map(Text.get_window_extent, ax.texts)
+    assert letter.y1 < ax.get_window_extent().y1 - 2.0
