@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import enum
-import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
@@ -346,7 +345,7 @@ def natural_sizes(sections: Array, period: float) -> Array:
 
 def _newton_step(simulator: Simulator, rows: Sequence[State], miss: Array) -> list[float] | None:
     """Solve (M - I) step = -miss, with M the product of all derivatives."""
-    derivatives = _derivatives(simulator, rows)
+    derivatives = simulator.derivatives(rows)
     product = unit = np.eye(len(miss))
     if not np.all(np.isfinite(derivatives)):
         return None
@@ -485,15 +484,9 @@ def repetitions_of(cycle: Cycle, period: float) -> int:
     return 1
 
 
-def _derivatives(simulator: Simulator, rows: Sequence[State]) -> Array:
-    """From each row to the next, shape (N, m, m)."""
-    pairs = itertools.pairwise(rows)
-    return np.array([simulator.derivative(*pair) for pair in pairs])
-
-
 def _multipliers(simulator: Simulator, rows: Sequence[State]) -> tuple[complex, ...]:
     """Of the map around, the largest first."""
-    derivatives = _derivatives(simulator, rows)
+    derivatives = simulator.derivatives(rows)
     if not np.all(np.isfinite(derivatives)):
         return (complex(math.inf),) * derivatives.shape[1]
     sizes = np.exp2(np.round(np.log2(_natural_sizes(rows[0], simulator.period))))

@@ -13,6 +13,7 @@ linear; nothing here is compiled.
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -453,6 +454,25 @@ class Automaton:
         found = (_segment_jacobian if simple else _linear_jacobian)(self, before, after)
         return found if np.all(np.isfinite(found)) else np.full(found.shape, np.inf)
 
+    def derivatives(self, states: Sequence[State]) -> Array:
+        """Return the same from each of some states to the next, shape (N, 2 d, 2 d): of closed
+        flights between the same guards at once."""
+        found = np.empty((len(states) - 1, 2 * self.size, 2 * self.size))
+        together: dict[tuple[int, int], list[int]] = {}
+        for k, (before, after) in enumerate(itertools.pairwise(states)):
+            ends = self.guards[before.wall].name, self.guards[after.wall].name
+            apart = before.released or after.released or after.held or self.kernels.flown(*ends)
+            if apart:
+                found[k] = self.derivative(before, after)
+            else:
+                together.setdefault((before.wall, after.wall), []).append(k)
+        for places in together.values():
+            for first in range(0, len(places), AT_ONCE):
+                part = places[first : first + AT_ONCE]
+                found[part] = _segment_jacobians(self, [(states[k], states[k + 1]) for k in part])
+        found[~np.isfinite(found).all(axis=(1, 2))] = np.inf
+        return found
+
     # Runs.
 
     def joined(self, parts: Sequence[Sequence[Any]]) -> dict[str, Array]:
@@ -695,6 +715,35 @@ def _segment_jacobian(automaton: Automaton, before: State, after: State) -> Arra
         return -np.linalg.solve(*blocks)
     except np.linalg.LinAlgError:
         return np.full((m, m), np.inf)
+
+
+AT_ONCE = 1024
+"""Flights whose derivatives are computed at once."""
+
+
+def _segment_jacobians(automaton: Automaton, pairs: Sequence[tuple[State, State]]) -> Array:
+    """The same of many flights between the same guards."""
+    names = [automaton.guards[state.wall].name for state in pairs[0]]
+    rows = [
+        (
+            (before.phase, *before.section),
+            (before.phase + after.since(before, automaton.period), *after.section),
+        )
+        for before, after in pairs
+    ]
+    start, end = np.array(rows).transpose(1, 2, 0)
+    m, count = start.shape
+    blocks = automaton.kernels.segment(*names).over(ARRAYS)
+    with np.errstate(all="ignore"):
+        _, leaving, arriving, _ = blocks(start, end, automaton.values)
+    one, other = (
+        np.array([np.broadcast_to(x, count) for x in block]).T.reshape(count, m, m)
+        for block in (arriving, leaving)
+    )
+    try:
+        return np.asarray(-np.linalg.solve(one, other))
+    except np.linalg.LinAlgError:
+        return np.array([_segment_jacobian(automaton, *pair) for pair in pairs])
 
 
 def _linear_jacobian(automaton: Automaton, before: State, after: State) -> Array:

@@ -263,8 +263,8 @@ def _exponents_by_qr(
     m = simulator.model.unknowns_per_impact
     q = np.linalg.qr(np.random.default_rng(rng).normal(size=(m, m)))[0]
     logs, before, scale = [], state, _scale(state, m)
-    for after in run.states():
-        step = simulator.derivative(before, after)
+    states = list(run.states())
+    for after, step in zip(states, simulator.derivatives([state, *states]), strict=True):
         if not np.all(np.isfinite(step)):
             break
         next_scale = _scale(after, m)

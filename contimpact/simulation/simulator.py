@@ -384,6 +384,10 @@ class Simulator(ParameterItems):
         """
         return self.machine.derivative
 
+    def derivatives(self, states: Sequence[State]) -> Array:
+        """Return the derivatives from each of some states to the next, shape (N, m, m)."""
+        return self.machine.derivatives(states)
+
 
 def as_simulator(of: Simulator | Model) -> Simulator:
     """Return a simulator, that of a model if a model is given."""

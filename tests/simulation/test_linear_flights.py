@@ -215,3 +215,18 @@ def test_basins_are_the_same_plain_and_on_any_number_of_cores(plain_and_compiled
             alone = [settle(simulator, state, given["settling"]).kind for state in states]
             assert kinds == alone
             assert len(set(kinds)) > 1
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_derivatives_of_many_flights_are_those_of_each(simulators, name):
+    """Of those between the same guards at once, and of others, as where a wall is held, alone."""
+    simulator = simulators(name)
+    state = simulator.random_state(np.random.default_rng(1))
+    rows = [state, *simulator.run(state, impacts=40).states()]
+    each = np.array([simulator.derivative(*pair) for pair in pairwise(rows)])
+    together = simulator.derivatives(rows)
+    np.testing.assert_array_equal(np.isfinite(together), np.isfinite(each))
+    sizes = np.max(np.abs(each), axis=(1, 2), keepdims=True, initial=0.0)
+    with np.errstate(invalid="ignore"):
+        apart = np.abs(together - each) / sizes
+    assert np.nanmax(apart) < 1e-12
