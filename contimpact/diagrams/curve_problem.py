@@ -664,15 +664,11 @@ class CurveBackend(Backend):
     @functools.cached_property
     def compiled(self) -> CompiledProgram | None:
         """Compiled code, where there is any and it pays."""
-        if mode() == "never":
-            return None
         kernels, variant = self.problem.orbit.kernels, self.variant
-
-        def build() -> Program:
-
-            return program_of(kernels, variant)
-
-        return load(self.program, ARGUMENTS, build)
+        integrated = any(kernels.integrated(wall.name) for wall in kernels.model.WALLS)
+        if mode() == "never" or integrated:
+            return None
+        return load(self.program, ARGUMENTS, lambda: program_of(kernels, variant))
 
     @property
     def program(self) -> tuple[str, ...]:

@@ -25,6 +25,7 @@ from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
 from contimpact.segments import compiling
 from contimpact.segments.kernels import Kernels
+from contimpact.systems.duffing import Duffing
 from contimpact.systems.impact_pair import ImpactPair
 
 MODEL = ImpactPair(beta=math.pi / 3, r=0.55, A=9.0, s=0.5)
@@ -104,6 +105,16 @@ def test_what_is_left_to_dense_linear_algebra():
     assert made("BT" * (LONGEST // 2), doubling) is not None
     assert made("BT" * (LONGEST // 2 + 1), doubling) is None
     assert made("BT", SingularPair) is None
+
+
+def test_curves_of_integrated_flights_are_not_compiled(monkeypatch):
+    """They cannot be, and compiling in vain ended it for all that the process computes."""
+    pytest.importorskip("heyoka")
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
+    values = {"a": 0.5, "omega": 1.4, "c": 0.1, "alpha": 1.0, "beta": 1.0, "sigma": 0.8, "r": 0.8}
+    orbit = OrbitProblem(Duffing(**values), Word("S", 1), Kernels(Duffing(**values), "omega", "a"))
+    backend = backend_of(CurveProblem(kind_of("PD"), SingularCycle(orbit, -1.0), {}, [1.0]))
+    assert backend.whole.compiled is None
 
 
 def test_a_process_that_has_computed_much_else_compiles_no_short_curve(entries, monkeypatch):
