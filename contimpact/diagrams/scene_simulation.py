@@ -200,7 +200,7 @@ class _Director:
             known = [row for row in self.kept.rows if row.direction == direction]
             rows += known
             clock.skip(len(known))
-            start = known[-1].attractor.state if known else None
+            start = known[-1].attractor if known else None
             left = values[len(known) :]
             named = f"{direction} in {self.scene.parameter}"
             for row in sweep_rows(
@@ -312,7 +312,7 @@ class _Director:
         rows = self.result.sweep.of(direction)
         sign = 1.0 if rows[-1].value >= rows[0].value else -1.0
         earlier = [row for row in rows if sign * (value - row.value) >= 0.0] or rows[:1]
-        start, options = earlier[-1].attractor.state, self.options
+        start, options = earlier[-1].attractor, self.options
         return next(
             sweep_rows(self.simulators, [value], start, options.settling, options.seed, direction)
         )

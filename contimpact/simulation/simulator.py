@@ -566,6 +566,9 @@ def free_motion(
     law = simulator.machine.law_in(mode)
     if law is not None:
         return _fixed_point(law, simulator.period)
+    flow = _closed_form(simulator, mode)
+    if flow is not None:
+        return _fixed_point_of(flow, simulator.period)
     if simulator.kernels.planar and left is not None:
         return _repeating_motion(simulator, left)
     return None
@@ -576,14 +579,18 @@ def state_after(
 ) -> tuple[list[float], list[float]] | None:
     """Return position and velocity some time after t = 0, guards passed through.
 
-    None if the mode is not linear.
+    None if the flights of the mode are integrated.
     """
     place, speed = list(motion[::2]), list(motion[1::2])
     law, d = simulator.machine.law_in(mode), len(place)
     if time == 0.0:
         return place, speed
     if law is None:
-        return None
+        flow = _closed_form(simulator, mode)
+        if flow is None:
+            return None
+        x, v = flow(motion, time)
+        return [x], [v]
     moved = law.track(law.embedded(place, speed, 0.0), simulator.period).at(time)
     return moved[:d].tolist(), moved[d : 2 * d].tolist()
 
@@ -598,6 +605,48 @@ def _fixed_point(motion: LinearMotion, period: float) -> tuple[float, ...] | Non
         return None
     found: Array = np.linalg.solve(np.eye(2 * d) - derivative, forced)
     return tuple(found.reshape(2, d).T.ravel().tolist())
+
+
+def _closed_form(
+    simulator: Simulator, mode: str
+) -> Callable[[Sequence[float], float], list[float]] | None:
+    """Return position and velocity some time after t = 0, guards passed through, as a function of
+    those at t = 0 and of the time; None unless the mode is the first one, of one coordinate, and
+    its flights have a closed form that is not linear by matrices."""
+    kernels, guard = simulator.kernels, simulator.model.WALLS[0]
+    if not kernels.planar or mode != simulator.model.first_mode:
+        return None
+    if any(kernels.integrated(letter) for letter in simulator.letters):
+        return None
+    kernel, (by,) = kernels.since(guard.name), guard.row(1)
+
+    def flow(state: Sequence[float], time: float) -> list[float]:
+        return [float(x) / by for x in kernel(*state, time, *simulator.values)[:2]]
+
+    return flow
+
+
+def _fixed_point_of(
+    flow: Callable[[Sequence[float], float], list[float]], period: float
+) -> tuple[float, ...] | None:
+    """The same of a closed form, which is affine in the state."""
+    rate = 2.0 * math.pi / period
+    try:
+        forced = np.array(flow((0.0, 0.0), period))
+        size = float(np.max(np.abs(forced) / (1.0, rate))) or 1.0
+        units = [flow(state, period) for state in ((size, 0.0), (0.0, size * rate))]
+    except ArithmeticError:
+        return None
+    derivative = (np.array(units) - forced).T / (size, size * rate)
+    found = np.zeros(2)
+    if not np.all(np.isfinite(derivative)):
+        return None
+    if not float(np.max(np.abs(np.linalg.eigvals(derivative)))) < CONTRACTS:
+        return None
+    for _ in range(2):  # again, for what the differences have lost
+        miss = np.array(flow(found.tolist(), period)) - found
+        found += np.linalg.solve(np.eye(2) - derivative, miss)
+    return tuple(found.tolist())
 
 
 def _repeating_motion(simulator: Simulator, left: State) -> tuple[float, ...] | None:

@@ -221,7 +221,8 @@ def sweep(
     kernels : Kernels, optional
         Kernels of this model, if there are any already.
     rng : None, int or numpy.random.Generator, default 0
-        Gives the first start, and a new one where a motion ended without impacts.
+        Gives the first start, and a new one where no motion can be started from the attractor
+        before.
     callback : callable, optional
         Called with each row.
     progress : bool or callable
@@ -263,23 +264,28 @@ def sweep(
 def sweep_rows(
     simulators: Simulators,
     values: Sequence[float],
-    start: State | None = None,
+    start: State | Attractor | None = None,
     settling: Settling = SETTLING,
     rng: Any = 0,
     direction: str | None = None,
 ) -> Iterator[Row]:
-    """Yield the rows of one sweep; `start` is where the first value begins.
+    """Yield the rows of one sweep; `start` is where the first value begins, or the attractor before
+    it.
 
-    `direction` follows from the values if it is not given.
+    Where no motion can be started from an attractor, an impact at random is. `direction` follows
+    from the values if it is not given.
     """
     falling = len(values) < 2 or values[-1] < values[0]
     for value in values:
-        simulator = simulators.at(value)
-        if start is None:
-            start = simulator.random_state(np.random.default_rng(rng))
-        attractor = settle(simulator, start, settling)
-        start = attractor.state
-        yield Row(direction or ("down" if falling else "up"), value, attractor)
+        simulator, found = simulators.at(value), None
+        if isinstance(start, Attractor):
+            found = settle_again(simulator, start, settling)
+        if found is None:
+            known = start if isinstance(start, State) else None
+            begin = known or simulator.random_state(np.random.default_rng(rng))
+            found = settle(simulator, begin, settling)
+        start = found
+        yield Row(direction or ("down" if falling else "up"), value, found)
 
 
 def same_attractor(one: Attractor, other: Attractor, tolerance: float = SAME) -> bool:

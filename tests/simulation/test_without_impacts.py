@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from copy import deepcopy
 
 import numpy as np
 import pytest
@@ -14,10 +15,12 @@ from contimpact.diagrams.scene_simulation import simulate
 from contimpact.models.linear import Linear
 from contimpact.models.model import Guard, Mode
 from contimpact.results.diagram import Diagram
+from contimpact.results.options import Settling
 from contimpact.simulation.attractor import Attractor, Kind
 from contimpact.simulation.settle import settle_again
 from contimpact.simulation.sweep import Row, Simulators, Sweep, cover, same_attractor
 from contimpact.simulation.transitions import find_transitions, locate
+from contimpact.systems.oscillator import Oscillator
 from contimpact.systems.soft_stop import SoftStop
 
 VALUES = {"a": 1.0, "w": 2.0, "c": 0.3, "k": 1.0, "e": 0.5, "P": 4.0, "kb": 5.0}
@@ -168,6 +171,19 @@ def test_flights_by_kernels_settle_on_their_motion_too():
     assert found.motion == pytest.approx(response(1.0, 0.3, 2.0), rel=1e-9)
 
 
+@pytest.mark.parametrize("closed", [False, True])
+def test_a_sweep_stays_on_motion_without_impacts_until_it_reaches_the_wall(closed):
+    """Beside it there is an orbit, on which impacts at random settle; each value began with one."""
+    closed_form = Oscillator(a=1.0, omega=1.9, c=0.3, k=1.0, sigma=0.5, r=0.8)
+    model = closed_form if closed else read_scene(RATTLE).model
+    found = sweep(model, "omega", [1.9, 1.8, 1.7], settling=Settling(transient=40), rng=3)
+    assert [a.notation for a in found.attractors] == ["no impact", "no impact", "1"]
+    beside = Simulator(model.replace(omega=1.8))
+    assert settle(beside, beside.random_state(3)).notation == "1"
+    assert 1.0 / math.hypot(1.0 - 1.8**2, 0.3 * 1.8) < 0.5 < 1.0 / math.hypot(1.0 - 1.7**2, 0.51)
+    assert found.attractors[1].motion == pytest.approx(response(1.0, 0.3, 1.8), rel=1e-12)
+
+
 SCENE = {
     "name": "quiet",
     "model": {
@@ -185,6 +201,12 @@ SCENE = {
     "detect": {"events": ["G"]},
     "simulate": {"values": 3, "branches": True, "transitions": False, "periods": 100},
 }
+
+
+RATTLE = deepcopy(SCENE)
+RATTLE["model"]["parameters"] = {"omega": 1.9, "c": 0.3}
+RATTLE["model"]["guards"]["S"]["restitution"] = 0.8
+RATTLE["follow"]["range"] = [1.7, 1.9]
 
 
 @pytest.fixture(scope="module")
