@@ -225,7 +225,8 @@ class Attractor(ParameterItems, NotebookResult):
         width = model.unknowns_per_impact - 2
         if len(self.exponents) not in (2, 2 + width):
             raise ValueError("another number of exponents")
-        if width and (self.others.shape, self.held.shape) != ((len(walls), width), (len(walls),)):
+        whole = (len(walls), width), (len(walls),)
+        if width and walls and (self.others.shape, self.held.shape) != whole:
             raise ValueError("impacts without all coordinates")
         if self.motion is not None and len(self.motion) != width + 2:
             raise ValueError("a motion without all coordinates")

@@ -250,3 +250,15 @@ def test_the_search_for_a_transition_tells_what_it_tries(tmp_path):
     tried = [line for line in heard if "; trying omega = " in line]
     assert len(tried) > 2
     assert all(line.startswith("transitions: 0 of 1, about ") for line in tried)
+
+
+def test_a_simulation_of_several_coordinates_continues_after_them(tmp_path):
+    """Without impacts there is no table of coordinates; the rows were said to be damaged."""
+    two = {"coordinates": ["x", "y"], "mass": [1, 1], "damping": ["c", "c"], "stiffness": [1, 2]}
+    model = SCENE["model"] | two | {"force": ["cos(omega*t)", 0]}
+    few = {"values": 3, "transitions": False, "periods": 100}
+    scene = read_scene(SCENE | {"model": model, "simulate": few})
+    rows = simulate(scene, tmp_path).sweep.rows
+    again = simulate(scene, tmp_path, resume=True)
+    assert [row.attractor.notation for row in rows] == ["no impact"] * 3
+    assert (again.resumed, again.sweep.rows) == (3, rows)
