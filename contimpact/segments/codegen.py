@@ -430,8 +430,9 @@ class KernelWriter:
 
     def write(self, name: str) -> str:
         """Return the source of the kernel `name`: ``setup``, ``harmonics``, ``surfaces``,
-        ``flight_<a>_<b>``, ``motion_<a>``, ``states_<a>``, ``since_<a>``, ``gap_<a>_<b>``,
-        ``law_<a>``, ``field_<a>``, ``loss_<a>`` or ``agreement_<a>_<coordinate>``."""
+        ``flight_<a>_<b>``, ``motion_<a>``, ``states_<a>``, ``since_<a>``, ``passing_<a>``,
+        ``gap_<a>_<b>``, ``law_<a>``, ``field_<a>``, ``loss_<a>`` or
+        ``agreement_<a>_<coordinate>``."""
         kind, *walls = name.split("_")
         writers: dict[str, Callable[..., str]] = {
             "setup": self.setup,
@@ -441,6 +442,7 @@ class KernelWriter:
             "motion": self.motion,
             "states": self.states,
             "since": self.since,
+            "passing": self.passing,
             "gap": self.gap,
             "law": self.law,
             "field": self.field,
@@ -587,6 +589,15 @@ class KernelWriter:
 
         Returns its position, its velocity and its acceleration."""
         return self._shared(name, [*self.equations.state, DT], about, outputs)
+
+    def passing(self, name: str, b: str) -> str:
+        leave, (_, row) = self.equations.quiet, self.equations.pivot(b)
+        states = leave.now, leave.end, leave.acceleration
+        outputs = tuple(sympy.sympify(combine_rows(row, state)) for state in states)
+        about = f"""The gap coordinate of wall {b} at the time dt after passing a state.
+
+        Returns its position, its velocity and its acceleration."""
+        return self._shared(name, [T0, *self.equations.state, DT], about, outputs, reduce=True)
 
     def gap(self, name: str, a: str, b: str) -> str:
         leave, (_, row) = self.leave(a), self.equations.pivot(b)

@@ -10,6 +10,7 @@ kernel             returns
 ``flight_0_<p>``   the same for the flight of p periods, back to the section
 ``flight_0_0``     the same for the flight of a time that stands in the place of v_0, which is zero
 ``since_<a>``      position, velocity and acceleration of a wall's gap coordinate since the section
+``passing_<a>``    the same since any state at any time, in the first mode
 ``surfaces``       for each pair of guards, 1 if a flight ends on the surface it leaves, or else 0
 ``gap_<a>_<b>``    position, velocity and acceleration of the gap coordinate of wall b, after wall a
 ``law_<a>``        of a linear flight: degrees of freedom, harmonics, their numbers, start state

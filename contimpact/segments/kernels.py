@@ -277,6 +277,10 @@ class Kernels:
         wall a, from the state on the section t = 0."""
         return self.kernel(f"since_{a}")
 
+    def passing(self, a: str) -> Kernel:
+        """``passing(t0, *state, dt, *p)``: the same from any state in the first mode."""
+        return self.kernel(f"passing_{a}")
+
     def gap(self, a: str, b: str) -> Kernel:
         """``gap(t0, *y0, dt, *p)``: the gap coordinate of wall b after wall a."""
         return self.kernel(f"gap_{a}_{b}")

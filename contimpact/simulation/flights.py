@@ -189,14 +189,45 @@ def fly_integrated(
 ) -> tuple[int, float, float]:
     """Return side, time and velocity of the impact that ends a flight; see `fly_in_time`.
 
-    A zero of the acceleration before the time `least` belongs to the release itself. The side is 0,
-    and the time not a number, where the flow ceases to be finite before any impact. Raises
-    StepLimitError where a window as short as the first one takes too many steps.
+    A zero of the acceleration before the time `least` belongs to the release itself. See
+    `integrated_arrival`.
     """
-    period, rising, speed = body.clock[0], body.leaving[wall] < 0, velocity
     left = departure(motion, (phase, velocity, 0.0, *body.values))
-    passed, moved, length = 0.0, 0.0, FIRST * period
-    while passed < body.longest[0] * period and length > LEAST * period:
+    walls, limits = (body.low[wall], body.high[wall]), (body.clock[0], body.longest[0])
+    return integrated_arrival(left, *walls, body.leaving[wall] < 0, *limits, least)
+
+
+def start_integrated(
+    motion: Kernel, body: Body, phase: float, state: tuple[float, float], low: float, high: float
+) -> tuple[int, float, float]:
+    """As `fly_integrated`, from a position and velocity between walls at these displacements, in
+    the mode of a kernel."""
+    left = departure(motion, (phase, 0.0, 0.0, *body.values))
+    left = left._replace(position=state[0], velocity=state[1])
+    rising, period = left.velocity > 0.0, body.clock[0]
+    if left.velocity == 0.0:
+        numbers = [left.time, left.position, left.velocity, *left.parameters]
+        curve = IntegratedTrack(left.field, numbers, LEAST * period).along((1,))
+        rising = curve((), 0.0, ())[2] > 0.0
+    return integrated_arrival(left, low, high, rising, period, body.longest[0])
+
+
+def integrated_arrival(
+    left: Departure,
+    low: float,
+    high: float,
+    rising: bool,
+    period: float,
+    longest: float,
+    least: float = 0.0,
+) -> tuple[int, float, float]:
+    """Return side, time and velocity of the arrival at walls at these displacements.
+
+    The side is 0, and the time not a number, where the flow ceases to be finite before any impact.
+    Raises StepLimitError where a window as short as the first one takes too many steps.
+    """
+    speed, passed, moved, length = left.velocity, 0.0, 0.0, FIRST * period
+    while passed < longest * period and length > LEAST * period:
         numbers = [left.time + passed, left.position + moved, left.velocity, *left.parameters]
         try:
             curve = IntegratedTrack(left.field, numbers, length).along((1,), from_start=True)
@@ -205,7 +236,7 @@ def fly_integrated(
                 raise
             length *= 0.5
             continue
-        walls = body.low[wall] - moved, body.high[wall] - moved
+        walls = low - moved, high - moved
         x, speed = curve.at_end()
         if _clear(curve, *walls):
             rising = speed > 0.0
@@ -284,7 +315,8 @@ class FlightInState:
         low, high = body.low[wall], body.high[wall]
         side, left, speed = 0, 0.0, velocity
         windows = range(body.longest[0])
-        for breaks in (b for k in windows for b in self.breaks(body, wall, phase, velocity, k)):
+        ways = (b for k in windows for b in self.breaks(body, wall, head[1:], k))
+        for breaks in ways:
             side, left, speed, rising = first_hit(
                 self.motion, head, body.values, breaks, left, rising, low, high
             )
@@ -298,9 +330,11 @@ class FlightInState:
         return NUDGE * body.clock[0] if at_rest else 0.0
 
     def breaks(
-        self, body: Body, wall: int, phase: float, velocity: float, window: float
+        self, body: Body, wall: int, head: tuple[float, ...], window: int
     ) -> Iterator[list[float]]:
         """Yield times after leaving, in a window of a period, between which velocity is monotone.
+
+        The flight is that of the motion after a wall from the head, the velocity last.
 
         They come piece by piece: an arrival spares those after it. A piece of many oscillations
         that keep clear of the walls has its ends alone.
@@ -309,14 +343,14 @@ class FlightInState:
         start, vectorised = window * period, evaluate_in(self.motions[wall], ARRAYS)
 
         def motion(dt: Array) -> Any:
-            return vectorised(phase, velocity, start + dt, *values)
+            return vectorised(*head, start + dt, *values)
 
         def clear(begin: float, length: float) -> bool:
             x = motion(begin + chebyshev_nodes(NODES, length))[0]
             return keeps_clear(x, body.low[wall], body.high[wall])
 
-        least = self._release(body, wall, velocity) if window == 0 else 0.0
-        rounding = rounding_along(self.motions[wall], (phase, velocity), values, start)
+        least = self._release(body, wall, head[-1]) if window == 0 else 0.0
+        rounding = rounding_along(self.motions[wall], head, values, start)
         for zeros in zeros_in_turn(lambda dt: motion(dt)[2], period, clear, rounding=rounding):
             inside = [start + t for t in zeros if least < t < period]
             if inside:

@@ -22,7 +22,7 @@ from ..segments.flight import chebyshev_zeros, first_arrival, rounding_along, ti
 from ..segments.kernel import Family
 from ..segments.kernels import Kernels
 from ..segments.segment import ARRAYS, Kernel, evaluate_in, neighbouring_guards
-from .flights import FlightInState, first_hit, fly_in_time, motion_at
+from .flights import FlightInState, first_hit, fly_in_time, motion_at, start_integrated
 from .run import (
     Body,
     Call,
@@ -308,34 +308,30 @@ class OneCoordinate:
     def _start_in_state(
         self, wall: int, phase: float, position: float, velocity: float, low: float, high: float
     ) -> tuple[int, float, float]:
-        """The same where it depends on the state, in closed form.
-
-        Kernels know such flights from walls on, and from a state at t = 0. A linear flight passes
-        the place at the phase from one such state, which need not lie within the walls.
-        """
-        kernel, values = self.kernels.since(self.model.WALLS[wall].name), self.values
-        if any(motion.family is Family.INTEGRATED for motion in self.motions):
-            found = f"the flights of {self.model.SYSTEM} are integrated, from a wall on"
-            raise InputError("position", found, "start at a wall")
-        ends = np.array([kernel(*at, phase, *values)[:2] for at in ((0, 0), (1, 0), (0, 1))])
-        state = np.linalg.solve((ends[1:] - ends[0]).T, (position, velocity) - ends[0]).tolist()
+        """The same where it depends on the state."""
+        if self.motions[wall].family is Family.INTEGRATED:
+            given = self.motions[wall], self.body, phase, (position, velocity), low, high
+            return start_integrated(*given)
+        guard, values, model = self.model.WALLS[wall], self.values, self.model
+        if guard.next_mode != model.first_mode:
+            found = f"the flights of {model.SYSTEM} in {guard.next_mode!r} are known from guards on"
+            raise InputError("position", found, "start at a guard")
+        kernel, head = self.kernels.passing(guard.name), (phase, position, velocity)
 
         def motion(head: Any, dt: float, _: Any) -> Any:
             return kernel(*head, dt, *values)
 
         body = self.body._replace(low=[position + low], high=[position + high])
         flight = FlightInState((kernel,), motion)
-        rising = velocity > 0.0 or (velocity == 0.0 and motion(state, phase, values)[2] > 0.0)
-        side, left, speed = 0, phase, velocity
-        windows = (phase / self.period + k for k in range(self.longest))
-        x, v = state
-        for breaks in (b for window in windows for b in flight.breaks(body, 0, x, v, window)):
+        rising = velocity > 0.0 or (velocity == 0.0 and motion(head, 0.0, values)[2] > 0.0)
+        side, left, speed = 0, 0.0, velocity
+        for breaks in (b for k in range(self.longest) for b in flight.breaks(body, 0, head, k)):
             side, left, speed, rising = first_hit(
-                motion, state, values, breaks, left, rising, body.low[0], body.high[0]
+                motion, head, values, breaks, left, rising, body.low[0], body.high[0]
             )
             if side:
                 break
-        return side, left - phase, speed
+        return side, left, speed
 
     def path(self, states: Sequence[State], times: Array, points: int) -> Any:
         """Return gap coordinate and velocity from impact to impact: times, x and v by flights."""

@@ -687,8 +687,11 @@ def _attractor_of_end(simulator: Simulator, run: Run) -> Attractor:
     return Attractor(kind, simulator.parameters, kind.value, simulator.period, state=state)
 
 
-def without_impact(simulator: Simulator, mode: str = "", left: State | None = None) -> Attractor:
-    """Return the motion without impacts in a mode, after its last one if there was one."""
+def without_impact(
+    simulator: Simulator, mode: str = "", left: State | Sequence[float] | None = None
+) -> Attractor:
+    """Return the motion without impacts in a mode, after its last one if there was one, or from
+    numbers as of `Attractor.motion`."""
     modes = [each.name for each in simulator.model.MODES]
     mode = mode or next(iter(modes), "")
     if mode not in (modes or [""]):
@@ -718,8 +721,11 @@ def settle_again(
             state = at and simulator.start(time, *at, attractor.mode)
         except InputError:  # a guard has passed it, or its flights begin at guards alone
             continue
+        if at is not None and state is not None:
+            return settle(simulator, state, settling)
         if at is not None:
-            return settle(simulator, state, settling, mode=attractor.mode)
+            found = without_impact(simulator, attractor.mode, attractor.motion)
+            return replace(found, model=simulator.model)
     return None
 
 

@@ -18,7 +18,7 @@ import functools
 import math
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -179,7 +179,7 @@ class Simulator(ParameterItems):
         Raises
         ------
         InputError
-            If the position is not within the walls, the flight has to start at a wall, a number is
+            If the position is not within the walls, the flight has to start at a guard, a number is
             not finite, or a phase cannot be told from the time.
         """
         x, v = np.atleast_1d(position).tolist(), np.atleast_1d(velocity).tolist()
@@ -556,22 +556,25 @@ part of the place of the wall that it has left, it is rounding."""
 
 
 def free_motion(
-    simulator: Simulator, mode: str, left: State | None = None
+    simulator: Simulator, mode: str, left: State | Sequence[float] | None = None
 ) -> tuple[float, ...] | None:
     """Return position and velocity of each coordinate at t = 0, x0, v0, x1, v1, ...
 
-    The motion continues in this mode after its last impact `left`. None if it settles on no motion
-    of the forcing's period, or on none that is known.
+    The motion continues in this mode after its last impact `left`, or after such numbers. None if
+    it settles on no motion of the forcing's period, or on none that is known.
     """
     law = simulator.machine.law_in(mode)
     if law is not None:
         return _fixed_point(law, simulator.period)
-    flow = _closed_form(simulator, mode)
-    if flow is not None:
+    flow = _flow_of_section(simulator, mode)
+    if flow is not None and not simulator.kernels.integrated(simulator.letters[0]):
         return _fixed_point_of(flow, simulator.period)
-    if simulator.kernels.planar and left is not None:
-        return _repeating_motion(simulator, left)
-    return None
+    if isinstance(left, State):
+        after = _flow_of_impact(simulator, left) if simulator.kernels.planar else None
+        return after and _repeating_motion(simulator, after, left.wall)
+    if flow is None or left is None:
+        return None
+    return _repeating_motion(simulator, functools.partial(flow, left), 0)
 
 
 def state_after(
@@ -579,14 +582,14 @@ def state_after(
 ) -> tuple[list[float], list[float]] | None:
     """Return position and velocity some time after t = 0, guards passed through.
 
-    None if the flights of the mode are integrated.
+    None if the mode is neither linear nor the first one of one coordinate.
     """
     place, speed = list(motion[::2]), list(motion[1::2])
     law, d = simulator.machine.law_in(mode), len(place)
     if time == 0.0:
         return place, speed
     if law is None:
-        flow = _closed_form(simulator, mode)
+        flow = _flow_of_section(simulator, mode)
         if flow is None:
             return None
         x, v = flow(motion, time)
@@ -607,16 +610,14 @@ def _fixed_point(motion: LinearMotion, period: float) -> tuple[float, ...] | Non
     return tuple(found.reshape(2, d).T.ravel().tolist())
 
 
-def _closed_form(
-    simulator: Simulator, mode: str
-) -> Callable[[Sequence[float], float], list[float]] | None:
-    """Return position and velocity some time after t = 0, guards passed through, as a function of
-    those at t = 0 and of the time; None unless the mode is the first one, of one coordinate, and
-    its flights have a closed form that is not linear by matrices."""
+Flow: TypeAlias = Callable[[Sequence[float], float], list[float]]
+"""Position and velocity some time after t = 0, guards passed through, from those at t = 0."""
+
+
+def _flow_of_section(simulator: Simulator, mode: str) -> Flow | None:
+    """The flow from t = 0 of the first mode, by kernels; None of others, or several coordinates."""
     kernels, guard = simulator.kernels, simulator.model.WALLS[0]
     if not kernels.planar or mode != simulator.model.first_mode:
-        return None
-    if any(kernels.integrated(letter) for letter in simulator.letters):
         return None
     kernel, (by,) = kernels.since(guard.name), guard.row(1)
 
@@ -626,9 +627,20 @@ def _closed_form(
     return flow
 
 
-def _fixed_point_of(
-    flow: Callable[[Sequence[float], float], list[float]], period: float
-) -> tuple[float, ...] | None:
+def _flow_of_impact(simulator: Simulator, left: State) -> Callable[[float], list[float]]:
+    """The same after an impact."""
+    kernel = simulator.kernels.motion(simulator.letters[left.wall])
+    place, (by,) = simulator.positions[left.wall], simulator.model.WALLS[left.wall].row(1)
+
+    def flow(time: float) -> list[float]:
+        dt = time - left.phase
+        moved, speed = kernel(left.phase, left.velocity, dt, *simulator.values)[:2]
+        return [float(place + moved) / by, float(speed) / by]
+
+    return flow
+
+
+def _fixed_point_of(flow: Flow, period: float) -> tuple[float, ...] | None:
     """The same of a closed form, which is affine in the state."""
     rate = 2.0 * math.pi / period
     try:
@@ -649,21 +661,16 @@ def _fixed_point_of(
     return tuple(found.tolist())
 
 
-def _repeating_motion(simulator: Simulator, left: State) -> tuple[float, ...] | None:
-    """The motion after its longest flight, if it is the same a period before."""
-    guard, kernel = (
-        simulator.model.WALLS[left.wall],
-        simulator.kernels.motion(simulator.letters[left.wall]),
-    )
-    place, (by,) = simulator.positions[left.wall], guard.row(1)
-    ends: list[list[float]] = []
-    for periods in (simulator.longest_flight - 1, simulator.longest_flight):
-        dt = periods * simulator.period - left.phase
-        try:
-            moved, speed = kernel(left.phase, left.velocity, dt, *simulator.values)[:2]
-        except ArithmeticError:
-            return None
-        ends.append([float((place + moved) / by), float(speed / by)])
+def _repeating_motion(
+    simulator: Simulator, flow: Callable[[float], list[float]], wall: int
+) -> tuple[float, ...] | None:
+    """The motion after its longest flight, beside a wall, if it is the same a period before."""
+    (by,), period = simulator.model.WALLS[wall].row(1), simulator.period
+    longest, place = simulator.longest_flight, simulator.positions[wall]
+    try:
+        ends = [flow(periods * period) for periods in (longest - 1, longest)]
+    except ArithmeticError:
+        return None
     places, rounding = natural_places(ends, simulator.period), ROUNDED * abs(place / by)
     apart, size = float(np.max(np.abs(places[1] - places[0]))), float(np.max(np.abs(places[1])))
     if not apart <= max(REPEATED * size, rounding):

@@ -15,11 +15,13 @@ import contimpact as ci
 from contimpact.cli import main
 from contimpact.errors import InputError
 from contimpact.plots.attractors import plot_fractions, plot_sweep
+from contimpact.results.options import Settling
 from contimpact.simulation import integrity
 from contimpact.simulation.integrity import basin_fractions, join_values, start_box
 from contimpact.simulation.settle import settle_again
 from contimpact.simulation.simulator import Simulator
 from contimpact.simulation.sweep import Simulators, find_attractors, sweep
+from contimpact.systems.duffing import Duffing
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
 from contimpact.systems.two_masses import TwoMasses
@@ -222,14 +224,26 @@ def test_a_scene_counts_fractions_and_draws_them(tmp_path, capsys):
     ).read_bytes()[16:24]  # its size
 
 
-def test_integrated_flights_are_refused_before_anything_is_simulated(tmp_path, capsys):
+def test_integrated_flights_start_anywhere():
+    """Of 120 that are integrated by other means 108 lead to impacts; they were refused."""
+    pytest.importorskip("heyoka")
+    model = Duffing(a=0.5, omega=1.8, c=0.1, alpha=1.0, beta=0.2, sigma=0.3, r=0.8)
+    box = {"position": [-0.6, 0.25], "velocity": [-0.5, 0.5]}
+    quick = Settling(transient=60, periods=300)
+    found = basin_fractions(model, "omega", [1.8], starts=40, box=box, settling=quick)
+    counts = dict(zip(found.motions, found.fractions[0], strict=True))
+    assert set(counts) == {"1", "no impact"}
+    assert 0.75 < counts["1"] < 1.0
+
+
+def test_flights_that_start_at_guards_are_refused_before_anything_is_simulated(tmp_path, capsys):
     path = tmp_path / "scene.toml"
-    text = (ROOT / "branches/duffing/scene.toml").read_text("utf-8")
-    given = "\n[simulate]\nfractions = [1.0]\nbox = { position = [-0.1, 0.1] }\n"
+    text = (ROOT / "branches/coco_stick_slip/scene.toml").read_text("utf-8")
+    given = "\n[simulate]\nfractions = [0.9]\nbox = { position = [[0, 0.1], [0, 0]] }\n"
     path.write_text(text.partition("\n[simulate]")[0] + given, encoding="utf-8")
     assert main(["simulate", str(path), "-o", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
-    assert "simulate.fractions.position: the flights of duffing are integrated" in said
+    assert "simulate.fractions.position: the flights of hybrid are known from guards on" in said
     assert "sweep" not in said
 
 

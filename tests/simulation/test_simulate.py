@@ -15,6 +15,7 @@ from itertools import pairwise
 import mpmath as mp
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from contimpact.errors import InputError
 from contimpact.orbits.search import find_orbits
@@ -451,10 +452,47 @@ def test_a_start_between_the_walls_where_the_acceleration_depends_on_the_state(m
         assert found.velocity == pytest.approx(arrives, abs=1e-12)
 
 
-def test_a_start_of_an_integrated_flight_is_refused():
+@pytest.mark.parametrize(("position", "velocity"), [(-0.4, 0.6), (0.1, 0.0), (0.5, -0.7)])
+def test_a_start_of_an_integrated_flight(position, velocity):
+    """As the flight is integrated by other means; it was refused."""
+    pytest.importorskip("heyoka")
     duffing = Duffing(alpha=1.0, beta=0.2, c=0.1, a=1.0, omega=1.2, sigma=0.5, r=0.8)
-    with pytest.raises(InputError, match="are integrated, from a wall on; start at a wall"):
-        Simulator(duffing).start(0.0, 0.0, 0.0)
+    found = Simulator(duffing).start(8.0, position, velocity)
+
+    def rates(t, y):
+        return y[1], math.cos(1.2 * t) - 0.1 * y[1] - y[0] - 0.2 * y[0] ** 3
+
+    def gap(t, y):
+        return 0.5 - y[0] if t > 8.0 else 1.0
+
+    gap.terminal = True
+    given = {"events": gap, "rtol": 1e-12, "atol": 1e-13, "method": "DOP853", "max_step": 0.1}
+    flight = solve_ivp(rates, (8.0, 40.0), (position, velocity), **given)
+    time = found.phase + 2.0 * math.pi / 1.2 * found.turns
+    assert (time, found.velocity) == pytest.approx((flight.t[-1], flight.y[1, -1]), abs=1e-9)
+
+
+@pytest.mark.parametrize("phase", [0.1, 6.0])
+def test_a_start_under_strong_damping(phase):
+    """With c = 100 nothing is left at 6.0 of what was at t = 0, from where flights were solved for;
+    of x'' + 100 x' + x = 200 cos t all is known."""
+    model = Oscillator(a=200.0, omega=1.0, c=100.0, k=1.0, sigma=1.0, r=0.8)
+    found = Simulator(model).start(phase, 0.2, 0.5)
+    slow, fast = np.roots([1.0, 100.0, 1.0])[::-1]
+    rest = np.array([0.2 - 2.0 * math.sin(phase), 0.5 - 2.0 * math.cos(phase)])
+    parts = np.linalg.solve([[1.0, 1.0], [slow, fast]], rest)
+    time = found.phase + 2.0 * math.pi * found.turns
+    decayed = parts * np.exp(np.array([slow, fast]) * (time - phase))
+    assert 2.0 * math.sin(time) + decayed.sum() == pytest.approx(1.0, abs=1e-12)
+    speed = 2.0 * math.cos(time) + slow * decayed[0] + fast * decayed[1]
+    assert found.velocity == pytest.approx(speed, abs=1e-11)
+
+
+def test_a_start_in_another_mode_is_not_that_of_the_first():
+    """On the soft stop it was the free flight, which arrives elsewhere."""
+    model = SoftStop(a=1.0, omega=2.0, c=0.3, k=1.0, e=0.5, k_b=20.0, c_b=0.3)
+    with pytest.raises(InputError, match="soft-stop in 'contact' are known from guards on"):
+        Simulator(model).start(0.3, 0.6, 0.2, mode="contact")
 
 
 @pytest.mark.parametrize(

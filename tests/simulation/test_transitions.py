@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from zoo import scene_table
 
+from contimpact import continue_orbit
 from contimpact.diagrams.explore import follow
 from contimpact.orbits.search import find_orbits
 from contimpact.results.options import Settling
@@ -326,11 +327,16 @@ def test_a_doubled_orbit_goes_on_where_newtons_iteration_leads_to_the_one_that_d
 
 
 def test_a_jump_to_another_motion_of_the_same_name_is_a_transition():
-    """From resonance down, and up and down again where a new start finds the other motion."""
+    """From resonance down, where each value begins with an impact at random."""
     pytest.importorskip("heyoka")
     model = Duffing(a=0.3, omega=1.0, c=0.1, beta=1.0, sigma=10.0, r=0.8)
-    found = sweep(model, "omega", [1.35, 1.4, 1.45, 1.6], settling=QUICK)
+    rows = [sweep(model, "omega", [w], settling=QUICK).rows[0] for w in (1.35, 1.4, 1.45, 1.6)]
+    found = Sweep(model, "omega", rows)
     large = [abs(row.attractor.motion[0]) > 0.5 for row in found.rows]
-    jumps = [k for k in range(3) if large[k] != large[k + 1]]
-    values = [t.before.value for t in find_transitions(found, 1e-3, settling=QUICK)]
-    assert values == [found.rows[k].value for k in jumps] != []
+    assert large == [True, True, False, False]
+    (change,) = find_transitions(found, 1e-3, settling=QUICK)
+    orbits = find_orbits(model.replace(omega=1.4), "0", parameter="omega")
+    orbit = max(orbits, key=lambda o: abs(o.unknowns[0]) if o.stable else 0.0)
+    fold = max(e.value for e in continue_orbit(orbit, range=(1.3, 1.9), events=["FB"]).events)
+    assert change.label == "no impact->no impact"
+    assert change.before.value < fold < change.after.value

@@ -14,12 +14,14 @@ from contimpact import Formulas, InputError, Model, Parameter, Simulator, read_s
 from contimpact.diagrams.scene_simulation import simulate
 from contimpact.models.linear import Linear
 from contimpact.models.model import Guard, Mode
+from contimpact.orbits.search import find_orbits
 from contimpact.results.diagram import Diagram
 from contimpact.results.options import Settling
 from contimpact.simulation.attractor import Attractor, Kind
 from contimpact.simulation.settle import settle_again
 from contimpact.simulation.sweep import Row, Simulators, Sweep, cover, same_attractor
 from contimpact.simulation.transitions import find_transitions, locate
+from contimpact.systems.duffing import Duffing
 from contimpact.systems.oscillator import Oscillator
 from contimpact.systems.soft_stop import SoftStop
 
@@ -182,6 +184,21 @@ def test_a_sweep_stays_on_motion_without_impacts_until_it_reaches_the_wall(close
     assert settle(beside, beside.random_state(3)).notation == "1"
     assert 1.0 / math.hypot(1.0 - 1.8**2, 0.3 * 1.8) < 0.5 < 1.0 / math.hypot(1.0 - 1.7**2, 0.51)
     assert found.attractors[1].motion == pytest.approx(response(1.0, 0.3, 1.8), rel=1e-12)
+
+
+def test_a_sweep_of_integrated_flights_stays_on_motion_without_impacts():
+    """Each value began with an impact at random; the grazing is at 1.6348."""
+    pytest.importorskip("heyoka")
+    model = Duffing(a=0.5, omega=2.0, c=0.1, alpha=1.0, beta=0.2, sigma=0.3, r=0.8)
+    quick = Settling(transient=40)
+    found = sweep(model, "omega", [1.9, 1.8, 1.6], settling=quick, rng=0).attractors
+    assert [a.notation for a in found] == ["no impact", "no impact", "1"]
+    beside = Simulator(model.replace(omega=1.8))
+    assert settle(beside, beside.random_state(0), quick).notation == "1"
+    (orbit,) = (
+        o for o in find_orbits(beside.model, "0", parameter="omega") if o.physical and o.stable
+    )
+    assert found[1].motion == pytest.approx(orbit.unknowns[:2], abs=1e-9)
 
 
 SCENE = {
