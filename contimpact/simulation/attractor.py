@@ -540,6 +540,16 @@ def distances_between(
     return first, second
 
 
+def spacing(attractor: Attractor, points: int = POINTS) -> float:
+    """The mean distance of the same impacts of an attractor from the nearest others of them."""
+    from scipy.spatial import cKDTree
+
+    if len(attractor.times) < 2:
+        return 0.0
+    cloud = _cloud(attractor, float(np.max(np.abs(attractor.velocities))) or 1.0, points)
+    return float(np.mean(cKDTree(cloud).query(cloud, k=2)[0][:, 1]))
+
+
 def _cloud(attractor: Attractor, fastest: float, points: int) -> Array:
     """Impacts as points: the phase on a circle of circumference one, velocity, wall."""
     every = max(1, len(attractor.times) // points)

@@ -28,7 +28,15 @@ from ..results.diagram import Diagram
 from ..results.options import SETTLING, Settling
 from ..schema import build_record
 from ..segments.kernels import Kernels
-from .attractor import OTHER, Attractor, Kind, distances_between, natural_sizes, states_apart
+from .attractor import (
+    OTHER,
+    Attractor,
+    Kind,
+    distances_between,
+    natural_sizes,
+    spacing,
+    states_apart,
+)
 from .run import Outcome, Run, State
 from .settle import require_attractors, settle, settle_again, sojourns
 from .simulator import Batch, Simulator, as_simulator, natural_places
@@ -36,10 +44,10 @@ from .simulator import Batch, Simulator, as_simulator, natural_places
 SAME = 1e-6
 """Periodic attractors whose phases differ by less, and velocities by less than this part of the
 largest, are one."""
-APART = 0.03
-"""Complex motions whose impacts are on average further from each other's, both ways, are two:
-distances of phases in periods, of velocities in parts of the largest. Those of two runs of one
-attractor are ten times as near."""
+APART, SPACED = 0.03, 1.5
+"""Complex motions whose impacts are on average further from each other's, both ways, than this, and
+than so many times from their own, are two: distances of phases in periods, of velocities in parts
+of the largest. Those of two runs of one attractor are as near as its own, up to a fifth."""
 
 
 @dataclass(frozen=True)
@@ -301,7 +309,7 @@ def same_attractor(one: Attractor, other: Attractor, tolerance: float = SAME) ->
         places = natural_places([one.motion, other.motion], one.forcing_period)
         return bool(np.max(np.abs(places[0] - places[1])) <= tolerance * np.max(np.abs(places)))
     if one.kind is Kind.COMPLEX:
-        return min(distances_between(one, other)) < APART
+        return _apart(one, other) < 1.0
     if one.kind is Kind.RESTING:
         ends = [(a.state.held or 1 << a.state.wall) if a.state else 0 for a in (one, other)]
         return ends[0] == ends[1]
@@ -317,6 +325,12 @@ def same_attractor(one: Attractor, other: Attractor, tolerance: float = SAME) ->
             if np.max(apart) < tolerance:
                 return True
     return False
+
+
+def _apart(one: Attractor, other: Attractor) -> float:
+    """How far motions are apart, in parts of the distance from which on they are two attractors."""
+    limit = max(APART, SPACED * max(spacing(one), spacing(other)))
+    return min(distances_between(one, other)) / limit
 
 
 def _marks(attractor: Attractor) -> tuple[Array, Array]:
@@ -639,11 +653,8 @@ def _settled_number(
         quick = replace(settling, transient=0, periods=settling.periods // 10, impacts=200)
         attractor = settle(simulator, state, quick)
         if attractor.kind in (Kind.COMPLEX, Kind.NOT_SETTLED):
-            apart = [
-                min(distances_between(attractor, one)) if one.kind is Kind.COMPLEX else OTHER
-                for one in found
-            ]
-            if min(apart) < APART:
+            apart = [_apart(attractor, one) if one.kind is Kind.COMPLEX else OTHER for one in found]
+            if min(apart) < 1.0:
                 return apart.index(min(apart))
             attractor = settle(simulator, state, settling)
     else:

@@ -387,3 +387,19 @@ def test_complex_motion_is_called_by_its_impacts_per_period_or_in_several():
     rates = [1.1, 0.9], [0.6, 0.1], [0.45, 0.35], [0.5, 0.0], [0.2]
     names = ["1:1/C", "1:0/C", "(1:1)/2T/C", "(1:0)/2T/C", "(1)/3T/C"]
     assert [complex_notation(rate) for rate in rates] == names
+
+
+def test_one_complex_attractor_is_not_two():
+    """The 200 impacts that are compared fill an area: they are 0.035 from each other's, as from
+    their own."""
+    simulator = Simulator(ImpactPair(beta=0.3, r=0.99, A=5.0, s=0.1))
+    one, other = (settle(simulator, simulator.random_state(seed)) for seed in (0, 3))
+    assert one.kind is other.kind is Kind.COMPLEX
+    assert same_attractor(one, other)
+
+
+def test_mirror_images_of_complex_motion_are_two():
+    simulator = Simulator(ImpactPair(beta=0.0, r=0.5, A=5.0, s=0.2))
+    one, other = (settle(simulator, simulator.random_state(seed)) for seed in (0, 1))
+    assert {one.notation, other.notation} == {"1:2/C", "2:1/C"}
+    assert not same_attractor(one, other)
