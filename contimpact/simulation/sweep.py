@@ -287,10 +287,9 @@ def sweep_rows(
     for value in values:
         simulator, found = simulators.at(value), None
         if isinstance(start, Attractor):
-            found = settle_again(simulator, start, settling)
+            found, start = settle_again(simulator, start, settling), None
         if found is None:
-            known = start if isinstance(start, State) else None
-            begin = known or simulator.random_state(np.random.default_rng(rng))
+            begin = simulator.random_state(np.random.default_rng(rng)) if start is None else start
             found = settle(simulator, begin, settling)
         start = found
         yield Row(direction or ("down" if falling else "up"), value, found)
