@@ -154,7 +154,7 @@ class _Director:
             from ..simulation.integrity import require_starts
 
             simulator = self.simulators.at(self.options.fractions[0])
-            require_starts(simulator, self.options.box, "simulate.fractions")
+            require_starts(simulator, self.options.box)
         sweep = Sweep(scene.model, scene.parameter, [])
         self.result = Simulation(scene, sweep, resumed=len(self.kept.rows))
 

@@ -346,12 +346,13 @@ def _count(
     return known, np.bincount(numbers, minlength=len(known))
 
 
-def require_starts(simulator: Simulator, box: Mapping[str, Any] | None, where: str) -> None:
-    """Raise `InputError` where no motion can start in a box."""
+def require_starts(simulator: Simulator, box: Mapping[str, Any] | None) -> None:
+    """Raise `InputError` where no motion of a scene that counts fractions can start in its box."""
     try:
         _start(start_box(simulator, box), simulator, np.random.default_rng(0))
     except InputError as error:
-        raise error.within(where) from None
+        stated = "simulate" if error.where.startswith("box") else "simulate.box"
+        raise error.within(stated if box else "simulate.fractions") from None
 
 
 def _start(area: StartBox, simulator: Simulator, generator: np.random.Generator) -> State | None:

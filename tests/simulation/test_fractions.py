@@ -236,6 +236,15 @@ def test_integrated_flights_start_anywhere():
     assert 0.75 < counts["1"] < 1.0
 
 
+def test_a_box_beyond_the_walls_is_named_as_in_the_scene(tmp_path, capsys):
+    path = tmp_path / "scene.toml"
+    text = (ROOT / "branches/fig7/scene.toml").read_text("utf-8").partition("\n[simulate]")[0]
+    given = "\n[simulate]\nfractions = [0.36]\nbox = { position = [5, 6] }\n"
+    path.write_text(text + given, encoding="utf-8")
+    assert main(["simulate", str(path), "-o", str(tmp_path / "out")]) == 2
+    assert "simulate.box.position: 1000 starts in a row beyond" in capsys.readouterr().err
+
+
 def test_flights_that_start_at_guards_are_refused_before_anything_is_simulated(tmp_path, capsys):
     path = tmp_path / "scene.toml"
     text = (ROOT / "branches/coco_stick_slip/scene.toml").read_text("utf-8")
@@ -243,7 +252,7 @@ def test_flights_that_start_at_guards_are_refused_before_anything_is_simulated(t
     path.write_text(text.partition("\n[simulate]")[0] + given, encoding="utf-8")
     assert main(["simulate", str(path), "-o", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
-    assert "simulate.fractions.position: the flights of hybrid are known from guards on" in said
+    assert "simulate.box.position: the flights of hybrid are known from guards on" in said
     assert "sweep" not in said
 
 
