@@ -77,6 +77,9 @@ GROWTH = 1.01
 Piece = tuple[Array, Array, Array]
 """Times, gap coordinates and their velocities."""
 
+MANY, STALLED = 100, 1e-6
+"""Impacts that accumulate on guards that lead to other modes, if together they take less than this
+part of a period."""
 SLOW = 0.05
 """Flights after an impact slower than this part of the fastest may be short."""
 MOVED = 1e-10
@@ -570,7 +573,14 @@ class Automaton:
         parts: list[list[Any]] = []
         rows: list[State] = []
         made, outcome = 0, Outcome.DONE
+        seen, before = 0, state
         while made < most and state.turns < last:
+            if made >= seen + MANY:
+                stalls = state.since(before, self.period) < STALLED * self.period
+                if stalls and not self._is_wall(state.wall):
+                    outcome = Outcome.ACCUMULATING
+                    break
+                seen, before = made, state
             if self._runs is not None and not (state.held or state.released):
                 parts.append(columns_of(rows))
                 given = (most - made, last), asked, record, fastest

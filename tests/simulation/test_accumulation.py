@@ -11,8 +11,10 @@ import mpmath
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from zoo import ROOT
 
-from contimpact.results.scene import read_scene
+from contimpact.results.scene import load_scene, read_scene
+from contimpact.simulation.run import Outcome
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.two_masses import TwoMasses
 
@@ -170,3 +172,16 @@ def test_where_a_jump_leads_away_no_impacts_accumulate(velocity, law, back, mode
     assert run.word == "".join(walls)
     assert run.turns * run.period + run.phases == pytest.approx(times, abs=1e-9)
     assert run.velocities == pytest.approx(velocities, abs=1e-9)
+
+
+def test_a_run_ends_where_impacts_accumulate_on_guards_of_two_modes():
+    """The bodies of COCO's example stick and slip in turn against the stop, for ever shorter: after
+    some fifty periods time stood still, and runs and settling went on for ever."""
+    pytest.importorskip("heyoka")
+    model = load_scene(ROOT / "branches" / "coco_stick_slip" / "scene.toml").model
+    simulator = Simulator(model.replace(V=0.6))
+    start = simulator.random_state(np.random.default_rng(0))
+    run = simulator.run(start, periods=100)
+    assert run.outcome is Outcome.ACCUMULATING
+    assert len(run) < 1000
+    assert np.ptp(run.times[-100:]) < 1e-5
