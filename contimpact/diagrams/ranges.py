@@ -331,8 +331,11 @@ def _of_branch(diagram: Diagram, interval: Interval) -> Motion:
 
 
 def _bound(branch: Branch, events: dict[str, Entry], value: float, name: str | None) -> Bound:
-    """The end of stable orbits: an event, that of the parent for a branch that is born there."""
-    entry = events.get((branch.origin if name == "born" else name) or "")
+    """The end of stable orbits: an event, that of the parent for a branch that is born there, be it
+    as one that goes on as its own mirror image."""
+    entry, origin = events.get(name or ""), events.get(branch.origin or "")
+    if origin is not None and (name == "born" or math.isclose(value, origin.value, rel_tol=1e-9)):
+        entry = entry or origin
     if entry is not None:
         return Bound(value, entry.error, entry.id, f"{entry.label} {entry.id}")
     words = {None: "the status changes between two points", "range": "the range ends"}

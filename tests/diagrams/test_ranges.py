@@ -211,6 +211,14 @@ def test_a_closed_branch_has_no_end_where_it_was_begun():
     assert loop.low.value < 1.8 < loop.high.value
 
 
+def test_orbits_born_at_a_pitchfork_end_there():
+    """Beyond it, the branch goes on as its own mirror image."""
+    found = load_ranges(ROOT / "branches/two_stops")
+    (born,) = (motion for motion in found.motions if motion.branch == "b3")
+    assert (born.high.entry, born.high.text) == ("e1", "BP e1")
+    assert born.high.error > 0.0
+
+
 def test_refusals():
     with pytest.raises(InputError, match="no attractor"):
         attractor_ranges(Diagram("empty", []))
