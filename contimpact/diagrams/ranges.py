@@ -14,6 +14,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +47,7 @@ from .crisis_location import CR
 RANGES = "contimpact.ranges/1"
 """Schema of the table of ranges."""
 FOLDER = "a folder of contimpact run or simulate"
+Bracket = tuple[float, float, str]
 
 
 @dataclass(frozen=True)
@@ -187,7 +189,7 @@ def attractor_ranges(
     sweep: Sweep | None = None,
     *,
     coverage: Coverage | None = None,
-    brackets: Sequence[tuple[float, float]] = (),
+    brackets: Sequence[Bracket] = (),
     fractions: Iterable[Share] = (),
 ) -> Ranges:
     """Return which attractors are there over the range of the followed parameter.
@@ -200,9 +202,9 @@ def attractor_ranges(
         Its attractors that lie on no branch are added, neighbours of each other as one motion.
     coverage : Coverage, optional
         Which attractors of the sweep lie on branches; found by `cover` otherwise.
-    brackets : sequence of (float, float)
+    brackets : sequence of (float, float, str)
         Values before and after each transition of the sweep, where these are located more closely
-        than by its values.
+        than by its values, and the notation of the motion before.
     fractions : iterable of Share
         Basin fractions, as `BasinFractions.shares` gives them.
 
@@ -297,15 +299,18 @@ def ranges_in(folder: Path, diagram: Diagram, model: Model | None = None) -> Ran
         if not diagram.branches:
             raise InputError(str(folder), "no branch names the system", "give `model`")
         model = model_at(diagram.branches[0], 0)
-    coverage, brackets, shares = None, list[tuple[float, float]](), list[Share]()
+    coverage, brackets, shares = None, list[Bracket](), list[Share]()
     if is_there(path := place / "coverage.json"):
         with check_reading(path, COVERAGE):
             coverage = build_record(Coverage, read_json(path, COVERAGE, FOLDER))
     if is_there(path := place / "transitions.json"):
         with check_reading(path, TRANSITIONS):
             brackets = [
-                fit_value([t["before"]["value"], t["after"]["value"]], tuple[float, float], "value")
+                fit_value(
+                    [before["value"], t["after"]["value"], before["notation"]], Bracket, "value"
+                )
                 for t in read_json(path, TRANSITIONS, FOLDER)["transitions"]
+                for before in (t["before"],)
             ]
     if is_there(path := place / "fractions.csv"):
         _, shares = read_fractions(path)
@@ -404,7 +409,7 @@ def _simulated(
     rest: Sequence[Row],
     sweep: Sweep,
     diagram: Diagram,
-    brackets: Sequence[tuple[float, float]],
+    brackets: Sequence[Bracket],
     motions: Sequence[Motion],
     shares: Sequence[Share],
 ) -> tuple[list[Motion], list[str]]:
@@ -421,7 +426,7 @@ def _simulated(
         else:
             runs.append([k])
     found, lost = list[Motion](), 0
-    ends = _ends(diagram, motions)
+    ends, late = _ends(diagram, motions), partial(_left_early, grid, sweep, brackets)
     for run in runs:
         rows = [row for k in run for row in there[k]]  # at rising values
         settled = [row for row in rows if row.attractor.kind is not Kind.NOT_SETTLED]
@@ -434,8 +439,8 @@ def _simulated(
         )
         met = [s.value for s in shares if s.branch is None and s.notation in names]
         low, high = (
-            _edge(grid, run[0 if way < 0 else -1], way, brackets, [] if free else ends[way], met)
-            for way in (-1, +1)
+            _edge(grid, k, way, brackets, [] if free else ends[way], met, late(names, k, way))
+            for k, way in ((run[0], -1), (run[-1], +1))
         )
         speeds = [(row.value, _fastest(row.attractor)) for row in settled]
         speeds = [pair for pair in speeds if math.isfinite(pair[1])]
@@ -466,13 +471,38 @@ def _ends(diagram: Diagram, motions: Sequence[Motion]) -> dict[int, list[Bound]]
     }
 
 
+def _left_early(
+    grid: Sequence[float],
+    sweep: Sweep,
+    brackets: Sequence[Bracket],
+    names: Sequence[str],
+    place: int,
+    way: int,
+) -> tuple[float, float] | None:
+    """The bracket of the end of motion of these names where a step of the sweep has left its basin
+    before, so that this end lies beyond the step."""
+    if not 0 <= place + way < len(grid):
+        return None
+    beyond = way * grid[place + way]
+    again = (way * row.value for row in sweep.rows if row.attractor.notation in names)
+    first = min((value for value in again if value >= beyond), default=math.inf)
+    late = [
+        (before, after)
+        for before, after, name in brackets
+        if name in names and way * grid[place] <= way * before < min(first, way * after)
+    ]
+    found = min(late, key=lambda bracket: way * bracket[0], default=None)
+    return found if found and way * found[1] > beyond else None
+
+
 def _edge(
     grid: Sequence[float],
     place: int,
     way: int,
-    brackets: Sequence[tuple[float, float]],
+    brackets: Sequence[Bracket],
     ends: Sequence[Bound],
     met: Sequence[float],
+    late: tuple[float, float] | None,
 ) -> Bound:
     """Where a run of simulated values ends on one side: an event in the bracket, or its middle.
 
@@ -484,10 +514,10 @@ def _edge(
     if math.isnan(outer):
         return Bound(inner, 0.0, None, "the sweep ends")
     inner = way * max(way * v for v in (inner, *met) if way * v < way * outer)
-    low, high = sorted((inner, outer))
     step = abs(outer - grid[place])
+    low, high = sorted(late or (inner, outer))
     crises = [e for e in ends if e.text.startswith(CR) and low - step <= e.value <= high + step]
-    closer = [(min(b), max(b)) for b in brackets if low <= min(b) < max(b) <= high]
+    closer = [(min(b), max(b)) for *b, _ in brackets if low <= min(b) < max(b) <= high]
     if closer:
         low, high = max(closer) if way > 0 else min(closer)
     slack = high - low if closer else 0.0

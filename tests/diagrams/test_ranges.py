@@ -191,6 +191,17 @@ def test_motion_lasts_as_far_as_random_starts_have_met_it(diagram):
     assert low.text == "simulated between 0.355 and 0.3565"
 
 
+def test_motion_that_a_step_of_the_sweep_leaves_lasts_until_its_end(diagram):
+    """Its end, located with smaller steps, lies beyond the value at which the sweep has 2:1."""
+    rows = sweep(PAIR, "s", [0.362, 0.36, 0.35, 0.34, 0.33])
+    brackets = [(0.345, 0.3449, "1:1/C"), (0.335, 0.334, "2:1"), (0.37, 0.371, "1:1/C")]
+    found = attractor_ranges(diagram, rows, brackets=brackets)
+    motion = found.at(0.361).observed[-1].motion
+    assert motion.notation == "1:1/C"
+    assert motion.low.text == "simulated between 0.3449 and 0.345"
+    assert [one.motion.notation for one in found.at(0.347).observed] == ["2:1", "1:1/C"]
+
+
 def test_fractions_belong_to_the_branches_of_their_orbits(diagram):
     orbits = ci.find_orbits(PAIR.replace(s=0.33), "2:1", "s")
     orbit = next(o for o in orbits if o.stable and o.physical)
