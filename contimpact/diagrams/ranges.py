@@ -82,13 +82,12 @@ class Ranges(NotebookResult):
     """What may be missing, and what would show it."""
 
     def at(self, value: float) -> Range:
-        """Return the range in which a value lies.
+        """Return the range in which a value lies; where two ranges meet, that with more attractors.
 
         Raises InputError if it lies in none.
         """
-        for found in self.ranges:
-            if found.low <= value <= found.high:
-                return found
+        if found := [r for r in self.ranges if r.low <= value <= r.high]:
+            return max(found, key=lambda r: len(r.observed))
         accepted = f"give one from {self.ranges[0].low:.9g} to {self.ranges[-1].high:.9g}"
         raise InputError(self.parameter, f"found {value}", accepted)
 

@@ -166,6 +166,14 @@ def test_how_far_the_ends_are(fig7):
 
 
 @pytest.mark.full
+def test_an_attractor_is_there_at_its_ends(fig7):
+    """At s = 0.2217 the sweep ends, and no branch is stable below it."""
+    for motion in fig7.motions:
+        for end in (motion.low, motion.high):
+            assert fig7.at(end.value).observed
+    assert fig7.describe(0.2217).startswith("s = 0.2217: one attractor\n  inf:1, 6:1, 5:1, 4:1,")
+
+
 def test_fractions_belong_to_motions(diagram):
     shares = [Share(0.356, "2:1", 0.37), Share(0.356, "1:1/C", 0.63), Share(0.5, "1:1", 1.0)]
     rows = sweep(PAIR, "s", [0.36, 0.358, 0.3565, 0.356, 0.3555])
