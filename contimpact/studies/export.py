@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError, NotWrittenError, require_known
+from ..errors import InputError, NotWrittenError, require_known, require_whole
 from ..storage import csv_text, json_line, reason, temporary_beside
 from .study import ROWS, Selection, Study, studies
 
@@ -47,21 +47,38 @@ def export(
     """
     write = _writer(kind)
     written: dict[str, int] = {}
-    for name in names or studies(store):
+    names = names or studies(store)
+    if digits is not None:
+        require_whole(digits, "digits")
+    if columns is not None:
+        known = _columns(store, names, tables or ROWS)
+        for column in columns:
+            require_known(column, known, "columns")
+    for name in names:
         stem = "".join(c if c.isalnum() or c in "-_." else "_" for c in name)
         with Study(store, name) as study:
             for table in tables or ROWS:
                 chosen = study.select(table)
-                if not tables and not len(chosen):
-                    continue
                 types = chosen.types()
                 shown = {c: t for c, t in types.items() if columns is None or c in columns}
+                if not tables and not (shown and len(chosen)):
+                    continue
                 target = Path(folder) / f"{stem}-{table}.{kind}"
                 with _replacing(target, list(written)) as temporary:
                     written[target.name] = write(
                         temporary, shown, _rows(chosen, list(shown), digits)
                     )
     return written
+
+
+def _columns(store: str | Path, names: Iterable[str], tables: Iterable[str]) -> dict[str, str]:
+    """The columns that any of the tables has."""
+    found: dict[str, str] = {}
+    for name in names:
+        with Study(store, name) as study:
+            for table in tables:
+                found |= study.select(table).types()
+    return found
 
 
 def _rows(chosen: Selection, columns: Sequence[str], digits: int | None) -> Iterator[list[Any]]:

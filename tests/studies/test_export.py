@@ -68,6 +68,23 @@ def test_columns_and_digits(store, tmp_path):  # noqa: F811
     assert rows[:2] == ["r,label,value", "0.05,~PD,0.4819"]
 
 
+def test_columns_and_digits_that_there_are_not(store, tmp_path, capsys):  # noqa: F811
+    command = ["export", str(store), "-o", str(tmp_path / "out")]
+    for given, found in (
+        (["--columns", "label,lable"], "columns: found 'lable'; accepted are scene, "),
+        (["--columns", ""], "columns: found ''"),
+        (["--digits", "0"], "digits: found 0; give a whole number >= 1"),
+        (["--digits", "-1"], "digits: found -1"),
+    ):
+        assert main([*command, *given]) == 2
+        assert found in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_tables_without_a_column_that_is_asked_for_are_left_out(store, tmp_path):  # noqa: F811
+    assert {*export(store, tmp_path, names=[NAME], columns=["label"])} == {f"{STEM}-events.csv"}
+
+
 def test_the_command_says_what_it_has_written(store, tmp_path, capsys):  # noqa: F811
     assert main(["export", str(store), "-o", str(tmp_path), "--study", "failed"]) == 0
     out = capsys.readouterr().out.splitlines()
