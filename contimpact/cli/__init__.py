@@ -61,12 +61,6 @@ def complain(message: object) -> None:
     say(f"contimpact: {message}", sys.stderr)
 
 
-def require_output(options: argparse.Namespace) -> None:
-    """Refuse an empty name of a folder."""
-    if not options.output:
-        raise InputError("-o", "empty", "give the path of a folder")
-
-
 EXAMPLES = {
     "check": "contimpact check branches/fig7/scene.toml",
     "new": "contimpact new impact-pair",
@@ -128,6 +122,8 @@ def _status(arguments: Sequence[str] | None) -> int:
         for name in THREADS:
             os.environ.setdefault(name, "1")
     try:
+        if vars(options).get("output") == "":
+            raise InputError("-o", "empty", "give the path of a folder or a file")
         for name, given in vars(options).items():
             if isinstance(given, list) and name not in ("xlim", "ylim"):
                 setattr(options, name, each_once(given, name))

@@ -23,7 +23,7 @@ from ..results.result_folder import MANIFEST, WANTED, hold_folder, kept_still, r
 from ..results.scene import Scene, load_scene, read_scene, systems_of
 from ..segments.kernels import Kernels
 from ..storage import is_there, read_json, write_all
-from . import complain, require_output, say
+from . import complain, say
 from .console import motions_in
 
 if TYPE_CHECKING:
@@ -36,8 +36,6 @@ VELOCITY = "velocity"
 
 def plot(options: argparse.Namespace) -> int:
     """Draw the diagram of a folder again, as a picture or as the page; returns the exit status."""
-    if options.output == "":
-        raise InputError("-o", "empty", "give a file such as diagram.svg")
     folder = Path(options.folder)
     usual = folder / ("diagram.html" if options.html else "diagram.png")
     target = Path(options.output) if options.output else usual
@@ -99,7 +97,6 @@ def catalogue(options: argparse.Namespace) -> int:
     """Merge the catalogues of several folders; returns the exit status."""
     from ..results.formats import FILES, merge, write_merged
 
-    require_output(options)
     with telling("catalogue", patient=True) as tell:
         tell("reading")
         merged = merge(options.folders)

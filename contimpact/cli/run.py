@@ -23,7 +23,7 @@ from ..results.result_folder import Files, hold_folder, renew_folder
 from ..results.scene import Scene, folder_of, load_scene, require_own_folders, systems_of
 from ..segments.compiling import mode
 from ..storage import write_all
-from . import complain, require_output, say
+from . import complain, say
 from .console import (
     Interruption,
     add_page,
@@ -37,7 +37,6 @@ from .console import (
 def command(options: argparse.Namespace) -> int:
     """Follow the branches of scenes; returns the exit status, the highest of theirs."""
     mode()  # refused before anything is computed
-    require_output(options)
     jobs, status = _validate_scenes(options)
     for number, job in enumerate(jobs, start=1):
         own, interrupted = _attempt(job, options)

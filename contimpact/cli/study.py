@@ -18,7 +18,7 @@ from ..studies.run import Tally, WorkersLostError, duration, run_study
 from ..studies.store import Store
 from ..studies.study import QUANTITIES, Map, Study, shortfall, studies
 from ..studies.study_file import load_study
-from . import complain, require_output, say
+from . import complain, say
 
 FORMATS = ("png", "svg", "pdf")
 """Of maps."""
@@ -85,7 +85,6 @@ def export(options: argparse.Namespace) -> int:
     """Write the tables of a store as files; returns the exit status."""
     from ..studies.export import export as write_tables
 
-    require_output(options)
     with telling("export", options.quiet, patient=True) as tell:
         tell("writing tables")
         written = write_tables(
@@ -105,7 +104,6 @@ def export(options: argparse.Namespace) -> int:
 
 def atlas(options: argparse.Namespace) -> int:
     """Draw maps of the studies in a store over two of their axes; returns the exit status."""
-    require_output(options)
     given = [_axis_value(text) for text in options.at]
     at = dict(given)
     if len(at) < len(given):

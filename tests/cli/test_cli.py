@@ -780,7 +780,18 @@ def test_output_with_a_name_too_long(run, scene, tmp_path):
     assert "cannot be written" in one_line(err)
 
 
-@pytest.mark.parametrize("command", [["run", "scene.toml"], ["catalogue", "."], ["plot", "."]])
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["run", "scene.toml"],
+        ["catalogue", "."],
+        ["plot", "."],
+        ["range", "."],
+        ["design", "scene.toml"],
+        ["fit", "scene.toml", "data.csv", "--parameter", "r"],
+    ],
+    ids=lambda command: command[0],
+)
 def test_empty_output(run, scene, copied, monkeypatch, command):
     path = scene(name="scene.toml")
     monkeypatch.chdir(copied)
