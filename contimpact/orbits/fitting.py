@@ -27,6 +27,7 @@ from ..display import NotebookResult, Summary
 from ..errors import InputError, did_you_mean, explain_arguments, short_repr
 from ..models.guards import Wall, Word
 from ..models.model import Model
+from ..schema import LARGEST_NUMBER
 from ..segments.kernels import Kernels
 from .orbit import Orbit
 from .quiet import problem_of
@@ -135,8 +136,9 @@ def _number(cell: Any, where: str) -> float:
         value = math.nan if cell is None or cell == "" else float(cell)
     except (TypeError, ValueError):
         raise InputError(where, short_repr(cell), "give a number, or nothing") from None
-    if math.isinf(value):
-        raise InputError(where, short_repr(cell), "give a finite number, or nothing")
+    if abs(value) > LARGEST_NUMBER:
+        accepted = f"give a finite number, at most {LARGEST_NUMBER:g} in size, or nothing"
+        raise InputError(where, short_repr(cell), accepted)
     return value
 
 

@@ -299,6 +299,7 @@ def test_files(two_one, tmp_path):
         ("time,velocity\n1,2\n\n,\n", "line 4: neither time nor velocity"),
         ("time,wall\n1,B\nx,B\n", "line 3, time: 'x'"),
         ("time,wall\ninf,B\n", "line 2, time: 'inf'"),
+        ("time,wall\n1,B\n1e300,T\n", "line 3, time: '1e300'"),
         ("time,wall\n1,B\n1,Q\n", "line 3, wall: 'Q'"),
     ],
 )
