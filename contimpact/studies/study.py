@@ -654,10 +654,14 @@ class Selection:
 def studies(store: str | Path) -> list[str]:
     """Return the names of the studies in a store.
 
-    Raises InputError if there is no such store.
+    Raises InputError if there is no such store, or no study in it.
     """
     with contextlib.closing(_open_reader(Path(store))) as connection:
-        return [name for (name,) in connection.execute("SELECT name FROM studies ORDER BY study")]
+        found = [name for (name,) in connection.execute("SELECT name FROM studies ORDER BY study")]
+    if not found:
+        accepted = "give a store into which contimpact study has computed"
+        raise InputError(str(store), "no study in it", accepted)
+    return found
 
 
 def _open_reader(path: Path) -> sqlite3.Connection:

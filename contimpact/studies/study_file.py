@@ -171,15 +171,16 @@ class Design:
 
 
 def _where_holds(text: str, where: str, known: Mapping[str, Array]) -> Array:
-    """Where a chain of inequalities such as ``0.1 < r_T <= r_B`` holds."""
+    """Where a chain of inequalities such as ``0.1 < r_T <= r_B`` holds, with finite sides."""
     signs, sides = _ORDER.findall(text), _ORDER.split(text)
     if not signs:
         accepted = "give an inequality such as 'r_T <= r_B', with <, <=, > or >="
         raise InputError(where, f"found {text!r}", accepted)
-    values = [values_of(side, where, known) for side in sides]
-    sides_of = zip(signs, values[:-1], values[1:], strict=True)
-    with np.errstate(invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        values = [values_of(side, where, known) for side in sides]
+        sides_of = zip(signs, values[:-1], values[1:], strict=True)
         each = [_HOLDS[sign](one, other) for sign, one, other in sides_of]
+    each += [np.isfinite(value) for value in values]
     length = len(next(iter(known.values())))
     return np.logical_and.reduce([np.broadcast_to(one, length) for one in each])
 

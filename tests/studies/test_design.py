@@ -61,6 +61,14 @@ def test_a_grid_of_samples():
     np.testing.assert_array_equal(values[:5, 1], values[5:, 1])
 
 
+@pytest.mark.parametrize(
+    "constraint", ["1/(r - 0.3) > 0", "r/(r - 0.3) >= 1", "sqrt(r - 0.35) >= 0", "log(r - 0.3) < 1"]
+)
+def test_constraints_leave_points_out_at_which_they_have_no_value(constraint):
+    given = study_given(grid={"r": [0.3, 0.4], "beta": [0.3]}, constraints=[constraint])
+    assert read_study(given).points[0].tolist() == [1]
+
+
 def test_constraints_leave_points_out_and_their_numbers_too():
     grid = {"r_B": [0.3, 0.4, 0.5], "r_T": [0.3, 0.4, 0.5], "beta": [0.3]}
     given = study_given(grid=grid, constraints=["r_T <= r_B", "0.35 < r_B*A/5 <= sqrt(0.25)"])

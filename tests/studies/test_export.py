@@ -85,6 +85,13 @@ def test_tables_without_a_column_that_is_asked_for_are_left_out(store, tmp_path)
     assert {*export(store, tmp_path, names=[NAME], columns=["label"])} == {f"{STEM}-events.csv"}
 
 
+@pytest.mark.parametrize("command", ["export", "atlas"])
+def test_a_store_without_a_study(tmp_path, capsys, command):
+    (tmp_path / "empty.sqlite").touch()
+    assert main([command, str(tmp_path / "empty.sqlite"), "-o", str(tmp_path / "out")]) == 2
+    assert "no study in it" in capsys.readouterr().err
+
+
 def test_the_command_says_what_it_has_written(store, tmp_path, capsys):  # noqa: F811
     assert main(["export", str(store), "-o", str(tmp_path), "--study", "failed"]) == 0
     out = capsys.readouterr().out.splitlines()
