@@ -24,6 +24,7 @@ from ..display import NotebookResult, Summary, frame
 from ..errors import InputError, explain_arguments
 from ..models.guards import Word, is_rotation
 from ..models.model import Model
+from ..orbits.quiet import problem_in, problem_of
 from ..results.branch import Branch, Entry, model_at
 from ..results.catalogue import (
     Bound,
@@ -43,6 +44,7 @@ from ..simulation.files import COVERAGE, TRANSITIONS, sweep_of
 from ..simulation.sweep import Coverage, Row, Sweep, begins_with, cover, orbits_on
 from ..storage import check_reading, csv_text, is_there, read_json
 from .crisis_location import CR
+from .orbit_walks import AT_IMAGE, symmetric, symmetry_of
 
 RANGES = "contimpact.ranges/1"
 """Schema of the table of ranges."""
@@ -225,6 +227,9 @@ def attractor_ranges(
     reading = diagram.reading
     motions = [_of_branch(diagram, interval) for interval in reading.stable]
     notes = [reading.incomplete] if diagram.branches else []
+    if mirrored := [i for i in reading.stable if _has_mirror_image(diagram, i, sweep)]:
+        names = ", ".join(dict.fromkeys(f"{i.notation} on {i.branch}" for i in mirrored))
+        notes.append(f"the mirror images of {names} are attractors, too, and not listed")
     if stopped := diagram.statistics.get("stopped"):
         notes.append(
             f"the run ended early ({stopped}): attractors may be missing; contimpact run finds them"
@@ -332,6 +337,26 @@ def _of_branch(diagram: Diagram, interval: Interval) -> Motion:
     )
     values, speeds = _speeds(branch, interval)
     return Motion(interval.notation, interval.branch, low, high, 0, values, speeds)
+
+
+def _has_mirror_image(diagram: Diagram, interval: Interval, sweep: Sweep | None) -> bool:
+    """Whether the mirror images of a branch's orbits are other orbits; False if its system is not
+    known."""
+    branch = diagram[interval.branch]
+    assert isinstance(branch, Branch)
+    if not branch.word:
+        return False
+    word, parameter = Word(branch.word, branch.period), branch.parameter
+    try:
+        model = model_at(branch, 0, sweep.model if sweep else None)
+        if type(model).symmetry is Model.symmetry:  # no formulas are derived to learn of none
+            return False
+        symmetry = symmetry_of(problem_of(model, word, Kernels(model, parameter)))
+        orbits = [branch.orbit(row, model) for row in interval.rows[0]] if symmetry else []
+    except InputError:
+        return False
+    ends = (problem_in(parameter, orbit.model, orbit.linearisation) for orbit in orbits)
+    return not all(symmetric(*end, symmetry, AT_IMAGE) for end in ends)
 
 
 def _bound(branch: Branch, events: dict[str, Entry], value: float, name: str | None) -> Bound:

@@ -233,6 +233,7 @@ def test_a_closed_branch_has_no_end_where_it_was_begun():
 def test_orbits_born_at_a_pitchfork_end_there():
     """Beyond it, the branch goes on as its own mirror image."""
     found = load_ranges(ROOT / "branches/two_stops")
+    assert "the mirror images of 1:1 on b3 are attractors, too, and not listed" in found.notes
     (born,) = (motion for motion in found.motions if motion.branch == "b3")
     assert (born.high.entry, born.high.text) == ("e1", "BP e1")
     assert born.high.error > 0.0
