@@ -288,6 +288,16 @@ class Cycle:
             state = replace(state, others=others, held=int(self.held[k]))
         return replace(state.within(forcing_period), turns=0)
 
+    def rows(self, forcing_period: float) -> list[State]:
+        """Return its impacts, the first one once more at the end."""
+        others = [tuple(row) for row in self.others.tolist()] or [()] * len(self.walls)
+        columns = self.walls.tolist(), self.times.tolist(), self.velocities.tolist(), others
+        found = [
+            State(wall, time, velocity, others=more).within(forcing_period)
+            for wall, time, velocity, more in zip(*columns, strict=True)
+        ]
+        return [*found, replace(found[0], turns=found[0].turns + self.period)]
+
 
 # Motion that rests on a wall for a part of its period keeps its other coordinates, so that it need
 # not repeat itself at once: it has a cycle when its sojourns agree. With one coordinate it keeps
@@ -375,8 +385,55 @@ def _shortest_closed(simulator: Simulator, run: Run, impacts: int) -> Cycle | No
     return solve_cycle(simulator, state, impacts // parts, cycle.period // parts)
 
 
-def cycle_near(simulator: Simulator, run: Run, longest: int) -> tuple[Cycle, float] | None:
-    """Return the stable cycle near the end of a run, and the distance to it."""
+LINEAR = 0.1
+"""Part of its distance from a cycle by which a motion may miss what the cycle's derivative says, so
+that Newton's iteration leads there: beside a fold the other cycle is ten times as far, beside a
+doubling the doubled one three times."""
+
+
+@dataclass(frozen=True, eq=False)
+class Unstable:
+    """A cycle that was solved for and is not stable, with the derivatives of the map along it."""
+
+    cycle: Cycle
+    derivatives: Array
+
+    def leads_here(self, run: Run, first: int) -> bool:
+        """Whether Newton's iteration on the last part of a run, from a row on, leads to it: a step
+        with its own derivative does, and what is left is not that of another cycle."""
+        cycle, last = self.cycle, len(run) - 1
+        times, rest = divmod(last - first, len(cycle.walls))
+        if rest:
+            return False
+        table, sizes = _table(run), _sizes(run)
+        offs = table[first] - _columns(cycle.times, cycle)
+        k = int(np.argmin(states_apart(offs, sizes)))
+        if not np.array_equal(np.tile(np.roll(cycle.walls, -k), times), run.walls[first:last]):
+            return False
+        off = offs[k]
+        off[0] -= run.period * round(off[0] / run.period)
+        miss = table[last] - table[first]
+        miss[0] = run.times[last] - run.times[first] - times * cycle.period * run.period
+        product = unit = np.eye(len(sizes))
+        with np.errstate(over="ignore", invalid="ignore"):
+            for derivative in np.roll(self.derivatives, -k, axis=0):
+                product = derivative @ product
+            product = np.linalg.matrix_power(product, times)
+        try:
+            step = np.linalg.solve(product - unit, -miss)
+        except np.linalg.LinAlgError:
+            return False
+        before, after = (np.max(np.abs(d) / sizes) for d in (off, off + step))
+        return bool(after < LINEAR * before)
+
+
+def cycle_near(
+    simulator: Simulator, run: Run, longest: int, unstable: list[Unstable]
+) -> tuple[Cycle, float] | None:
+    """Return the stable cycle near the end of a run, and the distance to it.
+
+    Those found that are not stable are appended to `unstable`, and not solved for again.
+    """
     if _rests(run):
         return sticking_cycle(simulator, run)
     table, last = _table(run), len(run) - 1
@@ -386,9 +443,14 @@ def cycle_near(simulator: Simulator, run: Run, longest: int) -> tuple[Cycle, flo
     near = early[apart < NEAR][::-1]
     repeating = [back for back in near if repeats(run.walls, int(last - back))]
     for back in (repeating or near)[:3]:
+        if any(known.leads_here(run, int(back)) for known in unstable):
+            continue
         cycle = _shortest_closed(simulator, run, int(last - back))
-        if cycle is not None and abs(cycle.multipliers[0]) < 1.0:
+        if cycle is None:
+            continue
+        if abs(cycle.multipliers[0]) < 1.0:
             return cycle, _distance(run, cycle)
+        unstable.append(Unstable(cycle, simulator.derivatives(cycle.rows(simulator.period))))
     return None
 
 

@@ -26,7 +26,7 @@ from ..results.options import SETTLING, Settling
 from ..segments.bounded import UNIT, bounds_of
 from ..segments.flight import FlightGaps, flight_gaps
 from ..segments.touches import interior_touches
-from .attractor import Attractor, Cycle, Kind, cycle_near, repeats, sticking_cycle
+from .attractor import Attractor, Cycle, Kind, Unstable, cycle_near, repeats, sticking_cycle
 from .flights import jump_derivative
 from .one_coordinate import OneCoordinate
 from .run import Outcome, Run, State
@@ -375,7 +375,7 @@ def contraction_of(simulator: Simulator, cycle: Cycle) -> CycleContraction:
     if cycle.released.any() or cycle.held.any():
         each = tuple(_log(mu) / count for mu in mus)
         return CycleContraction(mus, each, 0.0, sum(each))
-    rows = _rows(cycle, simulator.period)
+    rows = cycle.rows(simulator.period)
     whole = contraction(simulator, rows)
     errors = _errors(*derivative_product(simulator, rows), mus)
     mus, logs, error = _multiplier_sizes(mus, errors, whole)
@@ -421,17 +421,6 @@ def _errors(derivative: Array, off: Array, mus: tuple[complex, ...]) -> list[flo
     with np.errstate(divide="ignore", invalid="ignore"):
         parts = np.maximum((moved / scale)[order], apart) / sizes
     return [part if part >= 0.0 else math.inf for part in parts.tolist()]
-
-
-def _rows(cycle: Cycle, period: float) -> list[State]:
-    """The impacts of a cycle, the first one once more at the end."""
-    others = [tuple(row) for row in cycle.others.tolist()] or [()] * len(cycle.walls)
-    columns = cycle.walls.tolist(), cycle.times.tolist(), cycle.velocities.tolist(), others
-    found = [
-        State(wall, time, velocity, others=more).within(period)
-        for wall, time, velocity, more in zip(*columns, strict=True)
-    ]
-    return [*found, replace(found[0], turns=found[0].turns + cycle.period)]
 
 
 # Attractors made of cycles: the word from its first rotation on, its notation, its gaps.
@@ -632,6 +621,7 @@ def _settled(simulator: Simulator, state: State, settling: Settling) -> Attracto
         return periodic(simulator, *found, periods=int(run.turns[-1]) - begun)
     run = simulator.run(state, periods=settling.transient, record=False)
     earlier: tuple[Cycle, float, int] | None = None
+    unstable: list[Unstable] = []
     window = FIRST
     while run.outcome is Outcome.DONE and run.end is not None:
         periods = run.end.turns - begun
@@ -640,7 +630,7 @@ def _settled(simulator: Simulator, state: State, settling: Settling) -> Attracto
         run = simulator.run(run.end, impacts=window)
         made += len(run)
         window = min(2 * window, 2 * settling.longest)
-        found = cycle_near(simulator, run, settling.longest)
+        found = cycle_near(simulator, run, settling.longest, unstable)
         if found is not None:
             cycle, distance = found
             close = distance < settling.tolerance
