@@ -428,11 +428,12 @@ class Unstable:
 
 
 def cycle_near(
-    simulator: Simulator, run: Run, longest: int, unstable: list[Unstable]
+    simulator: Simulator, run: Run, longest: int, unstable: dict[int, Unstable]
 ) -> tuple[Cycle, float] | None:
     """Return the stable cycle near the end of a run, and the distance to it.
 
-    Those found that are not stable are appended to `unstable`, and not solved for again.
+    Those found that are not stable, the last of each number of impacts, are kept in `unstable`, and
+    not solved for again.
     """
     if _rests(run):
         return sticking_cycle(simulator, run)
@@ -443,14 +444,15 @@ def cycle_near(
     near = early[apart < NEAR][::-1]
     repeating = [back for back in near if repeats(run.walls, int(last - back))]
     for back in (repeating or near)[:3]:
-        if any(known.leads_here(run, int(back)) for known in unstable):
+        if any(known.leads_here(run, int(back)) for known in unstable.values()):
             continue
         cycle = _shortest_closed(simulator, run, int(last - back))
         if cycle is None:
             continue
         if abs(cycle.multipliers[0]) < 1.0:
             return cycle, _distance(run, cycle)
-        unstable.append(Unstable(cycle, simulator.derivatives(cycle.rows(simulator.period))))
+        derivatives = simulator.derivatives(cycle.rows(simulator.period))
+        unstable[len(cycle.walls)] = Unstable(cycle, derivatives)
     return None
 
 

@@ -621,7 +621,7 @@ def _settled(simulator: Simulator, state: State, settling: Settling) -> Attracto
         return periodic(simulator, *found, periods=int(run.turns[-1]) - begun)
     run = simulator.run(state, periods=settling.transient, record=False)
     earlier: tuple[Cycle, float, int] | None = None
-    unstable: list[Unstable] = []
+    unstable: dict[int, Unstable] = {}
     window = FIRST
     while run.outcome is Outcome.DONE and run.end is not None:
         periods = run.end.turns - begun
