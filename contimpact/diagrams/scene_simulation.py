@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -85,7 +85,7 @@ class Simulation:
     stopped: str | None = None
     """What was being done then: how far the stage was, at which value."""
     notes: list[str] = field(default_factory=list)
-    """Notes of the branches on what they may lack."""
+    """Notes of the branches on what they may lack, and on values that have not settled."""
     seconds: dict[str, float] = field(default_factory=dict)
     """Per stage."""
     resumed: int = 0
@@ -246,7 +246,8 @@ class _Director:
         return [pair for pair in pairs if {row.attractor.period for row in pair} & {*asked}]
 
     def swept(self) -> None:
-        """Show the sweeps, unless all transitions are known."""
+        """Note what has not settled, and show the sweeps, unless all transitions are known."""
+        self.result.notes += _notes_on_unsettled(self.result.sweep)
         left = [pair for pair in self.changes if _key_of(pair) not in self.kept.changes]
         if left and self.show is not None:
             self.result.interrupted = "transitions"  # if nothing follows
@@ -359,6 +360,19 @@ class _Director:
             )
             if self.result.fractions.interrupted:
                 raise KeyboardInterrupt
+
+
+def _notes_on_unsettled(sweep: Sweep) -> Iterator[str]:
+    """What is not known of a sweep whose motion has not settled at some values."""
+    for way in sweep.directions:
+        rows = sweep.of(way)
+        values = [row.value for row in rows if not row.attractor.settled]
+        if values:
+            yield (
+                f"{way}: {len(values)} of {len(rows)} motions did not settle, the first at "
+                f"{sweep.parameter} = {values[0]:.6g}; no attractor is known there: more "
+                "simulate.periods or, for complex motion, simulate.impacts may tell it"
+            )
 
 
 def _key_of(pair: tuple[Row, Row]) -> tuple[str, float]:

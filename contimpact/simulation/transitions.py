@@ -463,15 +463,28 @@ def all_changes(
     sweep: Sweep, simulators: Simulators, settling: Settling = SETTLING
 ) -> list[tuple[Row, Row]]:
     """Return the neighbouring rows of all sweeps between which the attractor changes, also to
-    another one of its word."""
-    return [pair for pair in neighbours(sweep) if not leads_to(simulators, *pair, settling)]
+    another one of its word.
+
+    A row between that has not settled is no attractor and passed over: what is before it is
+    followed to the next one, or to the last row.
+    """
+    pairs = [pair for rows in _sweeps(sweep) for pair in itertools.pairwise(_settled_rows(rows))]
+    return [pair for pair in pairs if not leads_to(simulators, *pair, settling)]
 
 
 def neighbours(sweep: Sweep) -> Iterator[tuple[Row, Row]]:
     """Yield the neighbouring rows of all sweeps."""
-    for way in sweep.directions:
-        if way != "random":
-            yield from itertools.pairwise(sweep.of(way))
+    for rows in _sweeps(sweep):
+        yield from itertools.pairwise(rows)
+
+
+def _sweeps(sweep: Sweep) -> list[list[Row]]:
+    return [sweep.of(way) for way in sweep.directions if way != "random"]
+
+
+def _settled_rows(rows: list[Row]) -> list[Row]:
+    """The rows that have settled, and the last one."""
+    return [*(row for row in rows[:-1] if row.attractor.settled), *rows[-1:]]
 
 
 def transitions_between(
@@ -480,15 +493,18 @@ def transitions_between(
     """Yield the transitions between two rows of a sweep, one after another.
 
     What follows an attractor is followed in turn, beyond the second row if need be, until it is
-    that row's. At most `MOST` are located; what is left of the interval then is one transition
-    without a name, and so is a change of the sweep to another basin, where the attractor before
-    goes on.
+    that row's, or beyond it where that has not settled. At most `MOST` are located; what is left of
+    the interval then is one transition without a name, and so is a change of the sweep to another
+    basin, where the attractor before goes on.
     """
-    first, span = before, after.value - before.value
+    first, span, past = before, after.value - before.value, False
     for _ in range(MOST):
-        past = (after.value - before.value) * span <= 0.0
         target = replace(after, value=before.value + span) if past else after
         earlier, left, lost, right = locate(simulators, before, target, width, settling)
+        if not after.attractor.settled and (
+            right is None or (after.value - left.value) * span <= 0
+        ):
+            return
         if right is None:
             yield _changed_basin(first, after, left)
             return
@@ -500,7 +516,10 @@ def transitions_between(
         if right.attractor.label == after.attractor.label:
             return
         before = right
-    if (after.value - before.value) * span <= 0.0:
+        past = (after.value - before.value) * span <= 0.0
+        if past and not after.attractor.settled:
+            return
+    if past:
         yield _changed_basin(first, after, before)
         return
     evidence = f"{MOST} changes were located before it; this is left"

@@ -164,6 +164,18 @@ def test_transitions_of_the_periods_asked_for(scene_file, tmp_path):
     assert found["[7]"] == []
 
 
+def test_values_at_which_the_motion_did_not_settle_are_noted(scene_file, tmp_path, capsys):
+    """Beside a doubling; what more time may tell is said in the manifest, too."""
+    text = SCENE.replace("[0.33, 0.39]", "[0.3829, 0.3831]").replace("values = 7", "values = 2")
+    text = text.replace('"both"', '"down"').replace("width", "transitions = false\nwidth")
+    assert run(scene_file(text), "-o", tmp_path / "out", "--no-plot") == 0
+    (note,) = (line for line in capsys.readouterr().out.splitlines() if "settle," in line)
+    assert note.startswith("down: 1 of 2 motions did not settle, the first at s = 0.3829;")
+    assert "simulate.periods" in note
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text(encoding="utf-8"))
+    assert note in manifest["notes"]
+
+
 def test_periods_of_transitions_are_whole_numbers():
     text = SCENE.replace("width", "transitions = [1, 0.5]\nwidth")
     with pytest.raises(InputError, match=r"simulate\.transitions: .*a list of periods"):

@@ -326,6 +326,21 @@ def test_a_doubled_orbit_goes_on_where_newtons_iteration_leads_to_the_one_that_d
     assert goes_on(simulators, before, after, QUICK)
 
 
+@pytest.mark.parametrize("last", [[], [0.57]])
+def test_transitions_about_a_value_that_has_not_settled_do_not_overlap(last):
+    """Complex motion ends just beyond it: a change to, or from, what is not settled was none."""
+    pair, short = ImpactPair(beta=0.2, r=0.3, A=5.0, s=0.35), Settling(periods=300, impacts=400)
+    values = [0.15454545454545454, 0.2590909090909091, 0.3636363636363636, 0.46818181818181814]
+    found = sweep(pair, "beta", [0.05, *values, *last], settling=short)
+    kinds = [attractor.kind.value for attractor in found.attractors]
+    assert kinds == ["periodic"] * 4 + ["not settled"] + ["periodic"] * len(last)
+    changes = find_transitions(found, 1e-3, settling=short)
+    ends = [side.value for change in changes for side in (change.before, change.after)]
+    assert ends == sorted(ends)
+    notations = [change.before.notation for change in changes] + [changes[-1].after.notation]
+    assert notations == ["1:1", "1:1/2T", "1:1/C", "2:1"]
+
+
 def test_a_jump_to_another_motion_of_the_same_name_is_a_transition():
     """From resonance down, where each value begins with an impact at random."""
     pytest.importorskip("heyoka")
