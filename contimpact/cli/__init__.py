@@ -125,6 +125,8 @@ def _status(arguments: Sequence[str] | None) -> int:
         if vars(options).get("output") == "":
             raise InputError("-o", "empty", "give the path of a folder or a file")
         for name, given in vars(options).items():
+            if isinstance(given, list) and [] in given:  # argparse takes the value -- for none
+                raise InputError(f"--{name}", "no value", "give one")
             if isinstance(given, list) and name not in ("xlim", "ylim"):
                 setattr(options, name, each_once(given, name))
         with raise_on_termination():

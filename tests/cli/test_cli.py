@@ -801,6 +801,13 @@ def test_empty_output(run, scene, copied, monkeypatch, command):
     assert one_line(err).startswith("-o: empty")
 
 
+def test_a_value_that_is_none_is_refused(run, copied):
+    """Of two dashes argparse makes an empty list, in Python 3.11."""
+    status, _, err = run("range", copied, "--at=--")
+    assert status == 2
+    assert "--at" in err
+
+
 def test_no_folder_of_a_refused_run_stays(run, scene, tmp_path):
     path = scene("[model.parameters]", 'forcing = "cos(t)"\n[model.parameters]')
     status, _, err = run("run", path, "-o", tmp_path / "a" / "b" / "c")
