@@ -19,6 +19,7 @@ from typing import Any
 import matplotlib
 import matplotlib.figure
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from matplotlib.transforms import ScaledTranslation
@@ -35,6 +36,8 @@ from ..systems.membrane import Membrane
 from .lines import (
     BAND,
     CHOICES,
+    DOTS,
+    FORMULAS,
     STYLES,
     UNPHYSICAL,
     WIDTHS,
@@ -61,16 +64,30 @@ from .lines import (
 
 # Figures that notebooks show by themselves, without a backend.
 
-DOTS = 100
+SHOWN_DOTS = 100
 """Per inch, in notebooks."""
+
+
+class Canvas(FigureCanvasAgg):
+    """A canvas on which a formula is laid out once, whatever size its figure takes."""
+
+    def get_renderer(self) -> Any:
+        """Return matplotlib's renderer, with the layouts that those before it have made."""
+        renderer: Any = super().get_renderer()
+        renderer.mathtext_parser = FORMULAS
+        return renderer
 
 
 class Figure(matplotlib.figure.Figure):
     """A figure that is its own picture in Jupyter."""
 
+    def __init__(self, *given: Any, **options: Any) -> None:
+        super().__init__(*given, **options)
+        Canvas(self)
+
     def _repr_png_(self) -> bytes:
         content = io.BytesIO()
-        self.savefig(content, format="png", dpi=DOTS)
+        self.savefig(content, format="png", dpi=SHOWN_DOTS)
         return content.getvalue()
 
 
@@ -220,12 +237,12 @@ def save_diagram(
 
 def new_figure(width: float = 7.2, height: float = 4.8) -> Any:
     """Return an empty figure of a size in inches."""
-    return Figure(figsize=(width, height), dpi=150, layout="constrained")
+    return Figure(figsize=(width, height), dpi=DOTS, layout="constrained")
 
 
 def fixed_axes() -> Any:
     """Return axes of a size that does not depend on labels and legend, in a new figure."""
-    figure = Figure(figsize=SIZE, dpi=150)
+    figure = Figure(figsize=SIZE, dpi=DOTS)
     left, bottom, width, height = AXES
     wide, high = SIZE
     return figure.add_axes((left / wide, bottom / high, width / wide, height / high))

@@ -8,6 +8,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from matplotlib.backends.backend_agg import RendererAgg
+from matplotlib.cbook import is_math_text
+from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 from matplotlib.textpath import TextPath
@@ -46,6 +49,11 @@ WIDTHS = {"stable": 1.6, "unstable": 1.1, "unphysical": 0.9, "unknown": 0.7}
 UNPHYSICAL = ("all", "period-1", "none")
 """On which branches unphysical orbits are drawn: all; those of period T, without branches of which
 no orbit is physical while others have some; none."""
+
+DOTS = 150
+"""Per inch, in files."""
+FORMULAS: Any = RendererAgg(1, 1, DOTS).mathtext_parser
+"""Lays out formulas for all pictures, and keeps the layouts: each takes it some milliseconds."""
 
 FLAT = 3e-4
 """How far a drawn chord may be from a smooth curve, by the size of the picture."""
@@ -534,7 +542,11 @@ def _limits(ax: Any, width: float) -> tuple[float, float]:
 
 def text_width(text: str) -> float:
     """Return the width of a label in points."""
-    path = TextPath((0, 0), text.replace("\n", " ") or " ", size=SIZE)
+    text = text.replace("\n", " ") or " "
+    if is_math_text(text):
+        laid_out = FORMULAS.parse(text, DOTS, FontProperties(size=SIZE))
+        return float(laid_out.width) * 72.0 / DOTS
+    path = TextPath((0, 0), text, size=SIZE)
     return float(path.get_extents().width) if len(path.vertices) else 0.0
 
 
