@@ -533,13 +533,16 @@ class KernelWindow:
 Window: TypeAlias = LinearWindow | KernelWindow
 
 
+SERIES = series(FLOATS)
+
+
 def jump_derivative(kernels: Kernels, guard: str, state: State, values: Sequence[float]) -> Array:
     """Return how positions and velocities after an impact on a guard depend on the section
     coordinates before it, shape (2 d, 2 d - 1)."""
-    law, d = evaluate_in(kernels.law(guard), series(FLOATS)), kernels.model.DEGREES_OF_FREEDOM
+    law, d = evaluate_in(kernels.law(guard), SERIES), kernels.model.DEGREES_OF_FREEDOM
     columns = []
     for j in range(2 * d - 1):
         section = [Series([y, float(i == j)]) for i, y in enumerate(state.section)]
-        after = law(Series([state.phase, 0.0]), *section, *values)[3][: 2 * d]
+        after = law(state.phase, *section, *values)[3][: 2 * d]
         columns.append([float(e.coefficients[1]) if isinstance(e, Series) else 0.0 for e in after])
     return np.array(columns).T
