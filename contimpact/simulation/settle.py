@@ -553,6 +553,9 @@ TIMES = (0.0, 0.5, 0.25, 0.75)
 guards is taken."""
 FIRST = 64
 """Impacts after which a motion is examined for the first time."""
+PAUSE = 0.5
+"""Part of the periods that have passed in vain for which a motion goes on unexamined: to look for
+its cycle takes longer than many impacts do, and chaotic motion has none."""
 PASSING = 0.3
 """Factor by which a motion that approaches a cycle may come near faster."""
 _ENDS = {
@@ -613,7 +616,7 @@ def settle(
 
 def _settled(simulator: Simulator, state: State, settling: Settling) -> Attractor:
     """What the motion from a state settles on."""
-    begun, made = state.turns, 0
+    begun = state.turns
     run = simulator.run(state, impacts=FIRST)
     if run.outcome is not Outcome.DONE:
         return _attractor_of_end(simulator, run)
@@ -625,18 +628,23 @@ def _settled(simulator: Simulator, state: State, settling: Settling) -> Attracto
     window = FIRST
     while run.outcome is Outcome.DONE and run.end is not None:
         periods = run.end.turns - begun
-        if periods - settling.transient > settling.periods:
+        passed = periods - settling.transient
+        if passed > settling.periods:
             return _unsettled_motion(simulator, run.end, settling, periods)
+        pause = min(int(PAUSE * passed), settling.periods - passed)
+        if pause > 0:
+            run = simulator.run(run.end, periods=pause, record=False)
+            if run.outcome is not Outcome.DONE or run.end is None:
+                break
         run = simulator.run(run.end, impacts=window)
-        made += len(run)
         window = min(2 * window, 2 * settling.longest)
         found = cycle_near(simulator, run, settling.longest, unstable)
         if found is not None:
-            cycle, distance = found
+            (cycle, distance), turns = found, int(run.turns[-1])
             close = distance < settling.tolerance
-            if close or _approaches_cycle(earlier, cycle, distance, made, run):
+            if close or _approaches_cycle(earlier, cycle, distance, turns, run):
                 return periodic(simulator, cycle, distance, periods)
-            earlier = (cycle, distance, made)
+            earlier = (cycle, distance, turns)
     return _attractor_of_end(simulator, run)
 
 
@@ -647,7 +655,7 @@ def _sticking(simulator: Simulator, run: Run, settling: Settling) -> tuple[Cycle
 
 
 def _approaches_cycle(
-    earlier: tuple[Cycle, float, int] | None, cycle: Cycle, distance: float, made: int, run: Run
+    earlier: tuple[Cycle, float, int] | None, cycle: Cycle, distance: float, turns: int, run: Run
 ) -> bool:
     """Whether a motion approaches its cycle at the rate of the cycle's multiplier.
 
@@ -661,7 +669,7 @@ def _approaches_cycle(
         return False  # it is not solved for
     if not earlier[1] > 0.0 or not repeats(run.walls, len(cycle.walls)):
         return False
-    rounds = (made - earlier[2]) / len(cycle.walls)
+    rounds = (turns - earlier[2]) / cycle.period
     rate, ratio = abs(cycle.multipliers[0]) ** rounds, distance / earlier[1]
     return bool(PASSING * rate**2 < ratio < rate**0.5)
 
