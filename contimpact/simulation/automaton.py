@@ -639,18 +639,8 @@ class Automaton:
             Law(guard.next_mode, motion.shape, tuple(motion.numbers))
             for guard, motion in zip(self.guards, motions, strict=True)
         ]
-        setting = Setting(
-            [tuple(map(float, row)) for row in self.rows],
-            [guard.side for guard in self.guards],
-            self.positions,
-            self.restitution,
-            self.passages,
-            entered_guards(self.guards, self.passages),
-            laws,
-            self.values,
-            self.period,
-            self.longest,
-        )
+        fixed = self.values, self.positions, self.restitution
+        setting = Setting(self.kernels, *fixed, laws, self.period, self.longest)
         try:
             return LinearRuns(setting, kernels)
         except OverflowError:

@@ -15,11 +15,11 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..arrays import INTEGERS, TABLE, VECTOR, Array, Table, Vector
+from ..arrays import INTEGERS, TABLE, VECTOR, Array, Vector
 from ..models.guards import orders_of
 from ..segments.flight import first_hit
 from ..segments.integration import statement
@@ -32,15 +32,17 @@ from .run import (
     BEYOND,
     COLUMNS,
     DONE,
+    FLIGHTS,
     LEFT,
     LONG,
     NO_IMPACT,
+    AnyFlights,
     Engine,
     Runs,
     Setting,
     accumulates,
-    entered_guards,
     first_reached,
+    flights_class,
     formulas,
     glue_entry,
     is_beyond,
@@ -52,55 +54,23 @@ if TYPE_CHECKING:
     from ..segments.machine_code import Program
 
 
-class IntegratedFlights(NamedTuple):
-    """A system at fixed parameter values, and room for a flight; what is not said is as of
-    `linear_flights.Flights`, a field in place of a law."""
-
-    values: Vector
-    clock: Vector
-    sizes: Vector
-    factors: Vector
-    unit: Vector
-    below: Vector
-    above: Vector
-    law: Vector
-    row: Vector
-    pivot: Vector
-    sides: Vector
-    positions: Vector
-    leaving: Vector
-    stays: Vector
-    entered: Vector
-    restitution: Vector
-    slow: Vector
-    """Of each wall, the velocity of impacts up to which a flight is left to plain Python."""
-    begins: Vector
-    """Whether the flight after each wall begins on the surface of each other one, shape (w w,)."""
-    freedom: Vector
-    """Coordinates of each field; the others are at zero, shape (l,)."""
-    weights: Vector
-    """Of each field, the factors of its coordinates in each row, shape (l q d,)."""
-    own: Table
-    steps: Table
-    breaks: Vector
-    found: Vector
-    signs: Vector
-    zeros: Vector
-    moving: Vector
-    forces: Vector
-    """`own` to `forces`: of a `segments.oscillation.FollowedFlight`."""
-    numbers: Vector
-    """What a window starts with, as of `segments.taylor.path_by_series`."""
-    series: Vector
-    """Scratch space of the series."""
-
-
-ROOM = IntegratedFlights._fields[IntegratedFlights._fields.index("own") :]
-"""Fields in which a flight is made."""
+FIELDS = {**FLIGHTS, "slow": VECTOR, "begins": INTEGERS, "freedom": INTEGERS, "weights": VECTOR}
+"""A field stands in place of a law. Besides: of each wall the velocity of impacts up to which a
+flight is left to plain Python, and whether the flight after it begins on the surface of each other
+one (w w,); of each field its coordinates, the others being at zero (l,), and the factors of its
+coordinates in each row (l q d,)."""
+ROOM = {
+    **{name: TABLE if name in ("own", "steps") else VECTOR for name in FollowedFlight._fields},
+    "numbers": VECTOR,
+    "series": VECTOR,
+}
+"""Fields in which a flight is made: those of a `segments.oscillation.FollowedFlight`, what a window
+starts with, as of `segments.taylor.path_by_series`, and scratch space of the series."""
+IntegratedFlights: Any = flights_class("IntegratedFlights", FIELDS | ROOM)
 
 
 def arrivals_on_steps(
-    flights: IntegratedFlights,
+    flights: AnyFlights,
     law: int,
     left: int,
     velocity: float,
@@ -163,7 +133,7 @@ def arrivals_on_steps(
 def fly_integrated(
     begin: Callable[..., Any],
     path: Callable[..., int],
-    flights: IntegratedFlights,
+    flights: AnyFlights,
     wall: int,
     phase: float,
     space: Vector,
@@ -229,10 +199,7 @@ def fly_integrated(
 
 # Runs of systems whose flights are all integrated.
 
-FIELDS = VECTOR * 2 + INTEGERS + VECTOR + INTEGERS * 7 + VECTOR
-FIELDS += INTEGERS * 3 + VECTOR * 2 + INTEGERS * 2 + VECTOR
-"""Kinds of the fields of `IntegratedFlights` before `ROOM`."""
-ARGUMENTS = FIELDS + TABLE * 2 + VECTOR * 9 + INTEGERS + VECTOR + COLUMNS + INTEGERS
+ARGUMENTS = "".join((FIELDS | ROOM).values()) + VECTOR + INTEGERS + VECTOR + COLUMNS + INTEGERS
 """Kinds of the entry's arguments, as in `linear_flights`."""
 
 FLY = """
@@ -284,7 +251,7 @@ class IntegratedRuns(Runs):
     """Compiled runs of a system of which `has_compiled_flights`, at a forcing's period; a flight is
     given up after `longest` of them."""
 
-    fields, dear = FIELDS, True
+    fields, dear = "".join(FIELDS.values()), True
 
     def __init__(
         self,
@@ -298,19 +265,9 @@ class IntegratedRuns(Runs):
     ) -> None:
         guards, d = kernels.model.WALLS, kernels.model.DEGREES_OF_FREEDOM
         own = [kernels.field(guard.name) for guard in guards]
-        given = Setting(
-            [tuple(map(float, guard.row(d))) for guard in guards],
-            [guard.side for guard in guards],
-            positions,
-            restitution,
-            kernels.passages,
-            entered_guards(guards, kernels.passages),
-            [(guard.next_mode, field_of(k)) for guard, k in zip(guards, own, strict=True)],
-            values,
-            period,
-            longest,
-        )
-        common, rows = given.fields(2 * d), given.all_rows
+        laws = [(guard.next_mode, field_of(k)) for guard, k in zip(guards, own, strict=True)]
+        given = Setting(kernels, values, positions, restitution, laws, period, longest)
+        common, rows = given.vectors(2 * d), given.all_rows
         law, fields = common["law"], [field for _, field in dict.fromkeys(given.laws)]
         sizes = [statement(field).freedom for field in fields]
         self.flights = IntegratedFlights(

@@ -36,14 +36,17 @@ from .run import (
     BEYOND,
     COLUMNS,
     DONE,
+    FLIGHTS,
     LEFT,
     LONG,
     NO_IMPACT,
+    AnyFlights,
     Engine,
     Runs,
     Setting,
     accumulates,
     first_reached,
+    flights_class,
     formulas,
     glue_entry,
     is_beyond,
@@ -61,50 +64,21 @@ PARTS = 500
 """Parts of a piece at most; what is not resolved then is left to the `automaton`."""
 
 
-class Flights(NamedTuple):
-    """A system at fixed parameter values, as vectors."""
-
-    values: Vector
-    """Parameter values, shape (p,)."""
-    clock: Vector
-    """The forcing period, shape (1,)."""
-    sizes: Vector
-    """Coordinates d, largest size of X, gap coordinates g, all rows (with the coordinates
-    themselves) q, and periods after which a flight is given up."""
-    factors: Vector
-    """Factors of the coordinates in each row, shape (q d,)."""
-    unit: Vector
-    """The row of each coordinate, shape (d,)."""
-    width: Vector
-    count: Vector
-    piece: Vector
-    """`width`, `count`, `piece`: of each law, the size of X, the pieces of a period, and their
-    duration, shape (l,)."""
-    tables: Vector
-    """Of each law and row, `TERMS` coefficients for each coordinate of X."""
-    steps: Vector
-    """Of each law, what each coordinate of X gains on a piece by each."""
-    below: Vector
-    above: Vector
-    """`below`, `above`: the guards of each law's mode on each gap coordinate; -1 for none, shape (l
-    g,)."""
-    law: Vector
-    row: Vector
-    pivot: Vector
-    sides: Vector
-    positions: Vector
-    """`law`, `row`, `pivot`, `sides`, `positions`: after each guard its law; its gap coordinate,
-    pivot, side and position, shape (w,)."""
-    leaving: Vector
-    stays: Vector
-    entered: Vector
-    """`leaving`, `stays`: the side of the surface that is left, on the flight, and whether the
-    flight begins there; see `segments.segment`, shape (w,). `entered`: see `entered_guards`."""
-    restitution: Vector
-    """At low velocity; 1 where no impacts accumulate, shape (w,)."""
+FIELDS = {
+    **FLIGHTS,
+    "width": INTEGERS,
+    "count": INTEGERS,
+    "piece": VECTOR,
+    "tables": VECTOR,
+    "steps": VECTOR,
+}
+"""Of each law (l,), besides: the size of X, the pieces of a period, and their duration; of each law
+and row `TERMS` coefficients for each coordinate of X; and of each law what each coordinate of X
+gains on a piece by each."""
+Flights: Any = flights_class("Flights", FIELDS)
 
 
-def space_of(flights: Flights) -> int:
+def space_of(flights: AnyFlights) -> int:
     """Return how many numbers of scratch space `make_flights` takes."""
     _, width, gaps, rows, _ = flights.sizes
     return int(4 * width + 3 * gaps + TERMS * (rows + 1))
@@ -127,7 +101,7 @@ def displacement(head: tuple[int], s: float, space: Vector) -> tuple[float, floa
     return s * x, x + s * v, 2.0 * (v + s * a)
 
 
-def coefficients(flights: Flights, law: int, row: int, to: int, space: Vector) -> None:
+def coefficients(flights: AnyFlights, law: int, row: int, to: int, space: Vector) -> None:
     """Fill in the polynomial of a row on a piece."""
     width = flights.sizes[1]
     at = (law * flights.sizes[3] + row) * width * TERMS
@@ -228,7 +202,7 @@ def first_in_piece(
     return 0, 1.0, 0.0
 
 
-def advance(flights: Flights, law: int, space: Vector) -> None:
+def advance(flights: AnyFlights, law: int, space: Vector) -> None:
     """Move X to the end of a piece."""
     n, width = flights.width[law], flights.sizes[1]
     at, to = law * width * width, width
@@ -242,7 +216,7 @@ def advance(flights: Flights, law: int, space: Vector) -> None:
         space[i] = space[to + i]
 
 
-def arrive(flights: Flights, law: int, wall: int, s: float, speed: float, space: Vector) -> None:
+def arrive(flights: AnyFlights, law: int, wall: int, s: float, speed: float, space: Vector) -> None:
     """Fill in the section coordinates of an arrival on a piece."""
     d, width, gaps = flights.sizes[0], flights.sizes[1], flights.sizes[2]
     piece, section, j = flights.piece[law], section_place(flights), 0
@@ -260,7 +234,7 @@ def arrive(flights: Flights, law: int, wall: int, s: float, speed: float, space:
 
 
 def arrivals(
-    flights: Flights, law: int, left: int, velocity: float, space: Vector
+    flights: AnyFlights, law: int, left: int, velocity: float, space: Vector
 ) -> tuple[int, float, float]:
     """Return guard, time and velocity of the first arrival on a piece; -1 for none, -2 where the
     flight is left to the `automaton`.
@@ -308,7 +282,7 @@ def arrivals(
 
 
 def fly_linear(
-    leave: Callable[..., Any], flights: Flights, wall: int, phase: float, space: Vector
+    leave: Callable[..., Any], flights: AnyFlights, wall: int, phase: float, space: Vector
 ) -> tuple[int, int, float]:
     """Make one flight, from the section coordinates before an impact to those before the next.
 
@@ -396,10 +370,7 @@ def tables_of(law: Law, rows: Array, period: float, width: int) -> tuple[int, Ar
     return count, table, steps
 
 
-FIELDS = VECTOR * 2 + INTEGERS + VECTOR + INTEGERS * 3 + VECTOR * 3 + INTEGERS * 6 + VECTOR
-FIELDS += INTEGERS * 3 + VECTOR
-"""Kinds of the fields of `Flights`."""
-ARGUMENTS = FIELDS + VECTOR + INTEGERS + VECTOR + COLUMNS + INTEGERS
+ARGUMENTS = "".join(FIELDS.values()) + VECTOR + INTEGERS + VECTOR + COLUMNS + INTEGERS
 """Kinds of the entry's arguments: the fields of `Flights`, then those of `make_flights`, of one
 motion or, without rows, of many, one after the other."""
 
@@ -447,7 +418,7 @@ def program_of(kernels: Sequence[Kernel], leaving: str) -> Program:
     return program
 
 
-def flights_of(given: Setting) -> Flights:
+def flights_of(given: Setting) -> AnyFlights:
     """Return a system as vectors, as lists; its laws are of the kind `Law`.
 
     Raises OverflowError for laws beyond the range of floats, or motions that turn too often.
@@ -457,7 +428,7 @@ def flights_of(given: Setting) -> Flights:
     rows = np.array(given.all_rows)
     made = [tables_of(law, rows, given.period, width) for law in laws]
     return Flights(
-        **given.fields(width),
+        **given.vectors(width),
         width=[law.shape.size for law in laws],
         count=[count for count, _, _ in made],
         piece=[given.period / count for count, _, _ in made],
@@ -472,7 +443,7 @@ class LinearRuns(Runs):
     The kernels are the law after each guard. Raises OverflowError as `flights_of`.
     """
 
-    fields = FIELDS
+    fields = "".join(FIELDS.values())
 
     def __init__(self, given: Setting, kernels: Sequence[Kernel]) -> None:
         self.flights = flights_of(given)

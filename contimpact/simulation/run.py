@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import collections
 import enum
 import functools
 import itertools
@@ -537,8 +538,39 @@ another arrives faster than by rounding, which is a part of slow velocities, so 
 repeats itself has one word."""
 
 AnyFlights: TypeAlias = Any
-"""A system at fixed parameter values, as vectors: `linear_flights.Flights`, or what has the same
-fields but those of linear laws."""
+"""A system at fixed parameter values, as vectors: `FLIGHTS` and others of its kind."""
+
+FLIGHTS: Mapping[str, str] = {
+    "values": VECTOR,
+    "clock": VECTOR,
+    "sizes": INTEGERS,
+    "factors": VECTOR,
+    "unit": INTEGERS,
+    "below": INTEGERS,
+    "above": INTEGERS,
+    "law": INTEGERS,
+    "row": INTEGERS,
+    "pivot": INTEGERS,
+    "sides": INTEGERS,
+    "positions": VECTOR,
+    "leaving": INTEGERS,
+    "stays": INTEGERS,
+    "entered": INTEGERS,
+    "restitution": VECTOR,
+}
+"""Vectors that flights of all kinds have, and kinds of their numbers: parameter values (p,); the
+forcing period; as `sizes` coordinates d, the largest size of X, gap coordinates g, all rows (with
+the coordinates themselves) q, and periods after which a flight is given up; the factors of the
+coordinates in each row (q d,), and the row of each coordinate (d,). `below` and `above` (l g,) are
+the guards of each law's mode on each gap coordinate, -1 for none. Of each guard (w,) the others
+are the law after it, its gap coordinate, pivot, side and position; on the flight after it the side
+of the surface that is left, and whether it begins there, see `segments.segment`; `entered_guards`;
+and the restitution at low velocity, 1 where no impacts accumulate."""
+
+
+def flights_class(name: str, fields: Mapping[str, str]) -> Any:
+    """Return the class of a kind of flights: a named tuple of vectors."""
+    return collections.namedtuple(name, fields)
 
 
 def row_value(flights: AnyFlights, row: int, space: Vector) -> float:
@@ -751,23 +783,25 @@ def glue_entry(program: Program, kind: type) -> None:
 class Setting(NamedTuple):
     """What a system's vectors are made of."""
 
-    rows: Sequence[tuple[float, ...]]
-    """The gap coordinate of each guard."""
-    sides: Sequence[int]
+    kernels: Kernels
+    values: Sequence[float]
     positions: Sequence[float]
     restitution: Sequence[float]
-    passages: Passages
-    entered: Sequence[int]
     laws: Sequence[Any]
-    """`sides`, `positions`, `restitution`, `laws`: of each guard, and of the flight after it."""
-    values: Sequence[float]
+    """`positions`, `restitution`, `laws`: of each guard, and of the flight after it."""
     period: float
     longest: int
 
     @property
+    def rows(self) -> list[tuple[float, ...]]:
+        """The gap coordinate of each guard."""
+        model = self.kernels.model
+        return [tuple(map(float, g.row(model.DEGREES_OF_FREEDOM))) for g in model.WALLS]
+
+    @property
     def units(self) -> list[tuple[float, ...]]:
         """The rows of the coordinates themselves."""
-        size = len(self.rows[0])
+        size = self.kernels.model.DEGREES_OF_FREEDOM
         return [tuple(float(i == j) for j in range(size)) for i in range(size)]
 
     @property
@@ -775,10 +809,10 @@ class Setting(NamedTuple):
         """Each gap coordinate once, and behind them the coordinates themselves."""
         return list(dict.fromkeys([*self.rows, *self.units]))
 
-    def fields(self, width: int) -> dict[str, Any]:
-        """Return the vectors of any kind of flights, by name; X has a width at most."""
+    def vectors(self, width: int) -> dict[str, Any]:
+        """Return the vectors `FLIGHTS`, by name; X has a width at most."""
         laws, gaps, rows = (list(dict.fromkeys(x)) for x in (self.laws, self.rows, self.all_rows))
-        passages, walls = self.passages, range(len(self.rows))
+        passages, guards, own = self.kernels.passages, self.kernels.model.WALLS, self.rows
 
         def nearest(side: int) -> list[int]:
             """The nearest guard on a side of each law's gap coordinates, of those that a flight can
@@ -786,8 +820,8 @@ class Setting(NamedTuple):
             found = []
             for law, row in itertools.product(laws, gaps):
                 watched = passages.watched[self.laws.index(law)]
-                there = [k for k in walls if watched[k] and self.rows[k] == row]
-                there = [k for k in there if self.sides[k] == side]
+                there = [k for k, guard in enumerate(guards) if watched[k] and guard.side == side]
+                there = [k for k in there if own[k] == row]
                 found.append(min(there, key=lambda k: (side * self.positions[k], k), default=-1))
             return found
 
@@ -800,13 +834,13 @@ class Setting(NamedTuple):
             "below": nearest(-1),
             "above": nearest(+1),
             "law": [laws.index(law) for law in self.laws],
-            "row": [rows.index(row) for row in self.rows],
-            "pivot": [pivot(row) for row in self.rows],
-            "sides": list(self.sides),
+            "row": [rows.index(row) for row in own],
+            "pivot": [pivot(row) for row in own],
+            "sides": [guard.side for guard in guards],
             "positions": list(self.positions),
             "leaving": [int(side) for side in passages.leaving],
-            "stays": [int(passages.arrivals[k][k] != ELSEWHERE) for k in walls],
-            "entered": list(self.entered),
+            "stays": [int(passages.arrivals[k][k] != ELSEWHERE) for k in range(len(guards))],
+            "entered": entered_guards(guards, passages),
             "restitution": list(self.restitution),
         }
 
@@ -816,7 +850,7 @@ class Runs(ABC):
 
     flights: AnyFlights
     fields: ClassVar[str]
-    """Kinds of the fields of `flights`."""
+    """Kinds of the fields of `flights` that are the same for all runs."""
     engine: Engine
     size: int
     """Section coordinates."""
