@@ -37,7 +37,7 @@ from .. import __version__
 from ..diagrams.explore import follow
 from ..errors import InputError, explain_arguments
 from ..progress import Progress, ignore_progress
-from ..results.branch import Branch, Entry
+from ..results.branch import Branch
 from ..results.diagram import INTERRUPTED, Diagram
 from ..results.diagram_reading import Interval, Reading, read
 from ..results.scene import read_scene
@@ -241,7 +241,10 @@ def diagram_rows(diagram: Diagram, keep: Sequence[str], derived: str | None) -> 
     """Return the rows of a diagram."""
     rows: Rows = {
         "branches": [_branch(branch, "tables" in keep) for branch in diagram.branches],
-        "events": [_event(entry, derived) for entry in diagram.entries],
+        "events": [
+            row_of("events", e, event=e.id, derived=e.parameters[derived] if derived else None)
+            for e in diagram.entries
+        ],
         "limits": [
             row_of("limits", limit, number=number, left_out=sum(n for _, n in limit.left_out))
             for number, limit in enumerate(diagram.limits)
@@ -276,11 +279,6 @@ def _branch(branch: Branch, whole: bool) -> dict[str, Any]:
         missed=len(branch.missed),
         content=compress_text(branch_text(branch)) if whole else None,
     )
-
-
-def _event(entry: Entry, derived: str | None) -> dict[str, Any]:
-    value = entry.parameters[derived] if derived else None
-    return row_of("events", entry, event=entry.id, derived=value)
 
 
 def _readings(diagram: Diagram, reading: Reading, derived: str | None) -> Rows:
@@ -645,9 +643,12 @@ class _Computation:
         self.tally.estimate = elapsed + self.tally.left * each
         assert self.record_of_run is not None
         self.store.note_run(self.record_of_run, estimate=self.tally.estimate)
+        left = self.tally.left * each
+        shown = "%H:%M" if left < 80000 else "%d %b %H:%M"
+        until = time.strftime(shown, time.localtime(time.time() + left))
         self.announce(
             f"estimate after {self.tally.done} scenes: {duration(self.tally.estimate)} for "
-            f"{self.tally.done + self.tally.left}, until {_clock_time(self.tally.left * each)}"
+            f"{self.tally.done + self.tally.left}, until {until}"
         )
 
     def broken(self, why: str) -> WorkersLostError:
@@ -669,9 +670,3 @@ def duration(seconds: float) -> str:
     if seconds < 6000.0:
         return f"{seconds / 60.0:.0f} min"
     return f"{seconds / 3600.0:.1f} h"
-
-
-def _clock_time(seconds: float) -> Any:
-    return time.strftime(
-        "%H:%M" if seconds < 80000 else "%d %b %H:%M", time.localtime(time.time() + seconds)
-    )

@@ -232,23 +232,6 @@ STEPS = (
     """,
 )
 
-OF_SCENES = (
-    "coordinates",
-    "failures",
-    "limits",
-    "branches",
-    "events",
-    "intervals",
-    "transitions",
-    "attractors",
-    "energies",
-    "curves",
-    "codimension_two",
-    "catalogues",
-)
-"""The tables with rows of a scene, besides that of the scenes."""
-TABLES = ("versions", "studies", "runs", "scenes", *OF_SCENES)
-
 COLUMNS = {
     table: re.findall(r"^ +(\w+) +(?:TEXT|INTEGER|REAL|BLOB)", body, re.MULTILINE)
     for step in STEPS
@@ -257,6 +240,8 @@ COLUMNS = {
     )
 }
 """The columns of each table."""
+OF_SCENES = tuple(t for t, own in COLUMNS.items() if "scene" in own and t != "scenes")
+"""The tables with rows of a scene, besides that of the scenes."""
 
 
 def row_of(table: str, one: Any, **known: Any) -> dict[str, Any]:

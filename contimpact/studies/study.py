@@ -257,7 +257,7 @@ QUANTITIES: Mapping[str, Quantity] = {
 COUNT, OUTPUT = "count:", "output:"
 
 
-def quantity(name: str) -> Quantity:
+def quantity_of(name: str) -> Quantity:
     """Return a quantity by its name; ``count:LABEL`` counts events, ``output:NAME`` is the largest
     mean of an output.
 
@@ -315,42 +315,16 @@ def _done(study: Study) -> Iterator[Any]:
 # The sweeps of simulated motion that a study has made, one for each of its scenes.
 
 
-def sweeps_of(study: Study) -> list[Sweep]:
-    """Return the sweeps of a study's scenes, in their order; scenes without attractors have none.
-    Attractors say what they are and where, by kind, word, period and notation; the impacts are not
-    kept in a store.
-
-    Raises InputError if the study does not keep attractors.
-    """
-    file = read_study(study.given)
-    if "attractors" not in file.keep:
-        found = f"it keeps {', '.join(file.keep) or 'nothing'}"
-        raise InputError(f"study {study.name}", found, "add 'attractors' to study.keep")
-    rows: dict[int, list[Mapping[str, Any]]] = {}
-    for row in study.attractors():
-        rows.setdefault(row["scene"], []).append(row)
-    places = dict(zip(*file.points, strict=True))
-    return [_sweep(file, places[number], found) for number, found in sorted(rows.items())]
-
-
 def _sweep(file: StudyFile, values: Sequence[float], rows: Sequence[Mapping[str, Any]]) -> Sweep:
     scene = read_scene(file.scene_at(values))
     simulators = Simulators(scene.model, scene.parameter)
-    ordered = sorted(rows, key=lambda row: row["number"])
-    made = [Row(row["direction"], row["value"], _attractor(simulators, row)) for row in ordered]
+    made = []
+    for row in sorted(rows, key=lambda row: row["number"]):
+        simulator = simulators.at(row["value"])
+        about = Kind(row["kind"]), simulator.parameters, row["notation"], simulator.period
+        attractor = Attractor(*about, row["word"], row["period"])
+        made.append(Row(row["direction"], row["value"], attractor))
     return Sweep(scene.model, scene.parameter, made)
-
-
-def _attractor(simulators: Simulators, row: Mapping[str, Any]) -> Attractor:
-    simulator = simulators.at(row["value"])
-    return Attractor(
-        Kind(row["kind"]),
-        simulator.parameters,
-        row["notation"],
-        simulator.period,
-        row["word"],
-        row["period"],
-    )
 
 
 def derived_axis(study: Study) -> Callable[[int, float], float]:
@@ -563,22 +537,65 @@ class Study(NotebookResult):
         return decompress_text(found[0][0])
 
     def sweeps(self) -> list[Sweep]:
-        """Return the sweeps of simulated motion, one for each scene, for `plot_transitions`.
+        """Return the sweeps of simulated motion, for `plot_transitions`, in the scenes' order.
 
-        Of their attractors a store keeps what they are and where, not the impacts.
+        Scenes without attractors have none. Attractors say what they are and where, by kind, word,
+        period and notation; the impacts are not kept in a store.
 
         Raises
         ------
         InputError
             If the study does not keep attractors.
         """
+        file = read_study(self.given)
+        if "attractors" not in file.keep:
+            found = f"it keeps {', '.join(file.keep) or 'nothing'}"
+            raise InputError(f"study {self.name}", found, "add 'attractors' to study.keep")
+        rows: dict[int, list[Mapping[str, Any]]] = {}
+        for row in self.attractors():
+            rows.setdefault(row["scene"], []).append(row)
+        places = dict(zip(*file.points, strict=True))
+        return [_sweep(file, places[number], found) for number, found in sorted(rows.items())]
 
-        return sweeps_of(self)
+    def map(
+        self,
+        quantity: str,
+        axes: Sequence[str] | None = None,
+        orbit: str = "1:1",
+        at: Mapping[str, float] | None = None,
+    ) -> Map:
+        """Return a quantity over two axes.
 
-    def map(self, quantity: str, **options: Any) -> Map:
-        """Return a quantity over two axes; see `contimpact.studies.study.map_of`."""
+        Parameters
+        ----------
+        quantity : str
+            ``ends``, ``mechanism``, ``distance``, ``bistability``, ``energy``, ``bound``,
+            ``margin``, ``count:LABEL`` or ``output:NAME``; see `contimpact.studies.study`.
+        axes : (str, str), optional
+            The first two of the study by default.
+        orbit : str
+            The notation of the orbit it is asked of.
+        at : mapping of str to float, optional
+            Values of the study's other axes, if it has any.
 
-        return map_of(self, quantity, **options)
+        Raises
+        ------
+        InputError
+            If there is no such quantity or axis, or another axis is left open.
+        """
+        which, chosen = quantity_of(quantity), _axes(self, axes)
+        places = _scenes_at(self, chosen, at or {})
+        known = which.values(self, orbit)
+        empty = None if which.named else np.nan
+        values = [known.get(scene, empty) for scene in places]
+        values = [empty if v is None else v for v in values]
+        x, y = np.array(list(places.values())).reshape(-1, 2).T
+        falling, parameter = self.derived or self.parameter, self.parameter
+        said = which.text.format(orbit=orbit, along=falling, parameter=parameter)
+        kind: Any = object if which.named else float
+        column = np.array(values, dtype=kind)
+        curves = codimension_two(self, chosen, orbit, at or {})
+        return Map(self.name, quantity, said, chosen, x, y, column, which.named, curves)
 
 
 @dataclass(frozen=True)
@@ -613,9 +630,10 @@ class Selection:
         places, values = self._places(), [self.study.number]
         joins, conditions = "", ["t.study = ?"]
         for k, name in enumerate(self.study.axes):
+            quoted = name.replace("'", "''")
             joins += (
                 f" LEFT JOIN coordinates x{k} ON x{k}.study = t.study AND x{k}.scene = t.scene"
-                f" AND x{k}.name = {_quote(name)}"
+                f" AND x{k}.name = '{quoted}'"
             )
         for name, wanted in self.where.items():
             several = list(wanted) if isinstance(wanted, list | tuple | set) else [wanted]
@@ -675,11 +693,6 @@ def _open_reader(path: Path) -> sqlite3.Connection:
     connection.close()
     Store(path).connection.close()
     return open_store(path, readonly=True)
-
-
-def _quote(name: str) -> str:
-    """A name as a text of SQL."""
-    return "'" + name.replace("'", "''") + "'"
 
 
 def _array(values: list[Any], kind: str) -> Array:
@@ -757,44 +770,6 @@ class Map:
         inside = (zeros[:, 0] >= points[0, 0]) & (zeros[:, 0] <= points[-1, 0])
         x, y = zeros[inside].T
         return float(np.max(np.abs(y - np.interp(x, *points.T)))) if len(x) else None
-
-
-def map_of(
-    study: Study,
-    name: str,
-    axes: Sequence[str] | None = None,
-    orbit: str = "1:1",
-    at: Mapping[str, float] | None = None,
-) -> Map:
-    """Return a quantity of a study over two axes.
-
-    Raises InputError if there is no such quantity or axis, or another axis is left open.
-
-    Parameters
-    ----------
-    name : str
-        A quantity: ``ends``, ``mechanism``, ``distance``, ``bistability``, ``energy``, ``bound``,
-        ``margin``, ``count:LABEL`` or ``output:NAME``; see `contimpact.studies.study`.
-    axes : (str, str), optional
-        The first two of the study by default.
-    orbit : str
-        The notation of the orbit it is asked of.
-    at : mapping of str to float, optional
-        Values of the study's other axes, if it has any.
-    """
-    which, chosen = quantity(name), _axes(study, axes)
-    places = _scenes_at(study, chosen, at or {})
-    known = which.values(study, orbit)
-    empty = None if which.named else np.nan
-    values = [known.get(scene, empty) for scene in places]
-    values = [empty if v is None else v for v in values]
-    x, y = np.array(list(places.values())).reshape(-1, 2).T
-    falling, parameter = study.derived or study.parameter, study.parameter
-    said = which.text.format(orbit=orbit, along=falling, parameter=parameter)
-    kind: Any = object if which.named else float
-    column = np.array(values, dtype=kind)
-    curves = codimension_two(study, chosen, orbit, at or {})
-    return Map(study.name, name, said, chosen, x, y, column, which.named, curves)
 
 
 def _axes(study: Study, axes: Sequence[str] | None) -> tuple[str, str]:

@@ -16,8 +16,8 @@ from contimpact.cli import main
 from contimpact.errors import InputError, NotWrittenError
 from contimpact.studies.store import (
     APPLICATION,
+    COLUMNS,
     STEPS,
-    TABLES,
     Outcome,
     Store,
     _migrate,
@@ -56,7 +56,7 @@ def outcome(*events, **more):
 def test_tables_are_those_of_the_schema(tmp_path):
     with Store(tmp_path / "s.sqlite") as store:
         known = store.connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")
-        assert {name for (name,) in known} == {*TABLES}
+        assert {name for (name,) in known} == {*COLUMNS}
         assert store.connection.execute("PRAGMA journal_mode").fetchone() == ("wal",)
         assert store.connection.execute("PRAGMA user_version").fetchone() == (len(STEPS),)
 
@@ -136,7 +136,7 @@ def test_a_store_of_an_older_schema_grows_and_keeps_what_it_holds(taken, tmp_pat
         assert store.connection.execute("PRAGMA user_version").fetchone() == (len(STEPS),)
         assert store.connection.execute("SELECT * FROM events").fetchall() == before
         known = store.connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")
-        assert {name for (name,) in known} == {*TABLES}
+        assert {name for (name,) in known} == {*COLUMNS}
 
 
 def other_database(path):
