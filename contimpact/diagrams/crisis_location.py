@@ -50,6 +50,11 @@ from .connection_paths import (
 
 CR = "CR"
 """Kind of their entries."""
+CONNECTION = (
+    *("attractor", "type", "after", "seen", "lasted", "leaves", "homoclinic", "walls", "grazing"),
+    *("times", "velocities"),
+)
+"""What a crisis has besides its orbit, as its entry keeps it."""
 BESIDE = 1e-6
 """How far beside an orbit the motion along its unstable manifold starts."""
 PATIENT = replace(SETTLING, periods=8000)
@@ -148,33 +153,20 @@ class Crisis:
 
     def as_record(self) -> dict[str, Any]:
         """Return plain data."""
-        return {
-            "kind": CR,
-            "label": self.label,
-            "parameter": self.parameter,
-            "value": self.value,
-            "error": self.error,
-            "parameters": {**self.orbit.parameters},
-            "orbit": str(self.orbit.word),
-            "branch": self.branch,
-            **self.connection(),
-        }
+        names = ("label", "parameter", "value", "error")
+        own = {name: getattr(self, name) for name in names}
+        at = {"parameters": {**self.orbit.parameters}, "orbit": str(self.orbit.word)}
+        return {"kind": CR, **own, **at, "branch": self.branch, **self.connection()}
 
     def connection(self) -> dict[str, Any]:
         """Return as plain data what a crisis has besides its orbit, as its entry keeps it."""
-        return {
-            "attractor": self.attractor,
-            "type": self.type,
-            "after": self.after,
-            "seen": self.seen,
-            "lasted": self.lasted,
-            "leaves": str(self.path.problem.before),
-            "homoclinic": self.homoclinic,
-            "walls": self.walls,
-            "grazing": self.grazing,
-            "times": self.times.tolist(),
-            "velocities": self.velocities.tolist(),
-        }
+        found = {name: getattr(self, name) for name in CONNECTION}
+        return found | {name: found[name].tolist() for name in ("times", "velocities")}
+
+    @property
+    def leaves(self) -> str:
+        """The orbit that the connection leaves."""
+        return str(self.path.problem.before)
 
     def __str__(self) -> str:
         kind = f", {self.type}" if self.type else ""

@@ -158,8 +158,9 @@ def curve_problem(
     """Return the problem of the curve through a catalogue entry, and where it starts."""
     at = orbit_of(entry, model, kernels)
     problem, orbit = at.problem, at.unknowns
-    system = system_of(problem, entry)
-    curve = CurveProblem(kind_of(entry.kind), system, details_of(entry), [first_span])
+    kind, details = kind_of(entry.kind), details_of(entry)
+    system = equations_of(kind, problem, details)
+    curve = CurveProblem(kind, system, details, [first_span])
     return curve, curve.packed(orbit, system.start(problem.evaluate(orbit)))
 
 
@@ -172,9 +173,9 @@ def slope_of(curve: CurveProblem, at: Array) -> float:
     return float(-np.linalg.solve(jacobian[:, :-1], jacobian[:, -1])[curve.orbit.n])
 
 
-def system_of(problem: OrbitProblem, entry: Entry) -> ExtendedSystem:
-    """Return the exact equations of an entry's event."""
-    system = kind_of(entry.kind).equations(problem, details_of(entry))
+def equations_of(kind: Kind, problem: OrbitProblem, details: Details) -> ExtendedSystem:
+    """Return the exact equations of an event of a kind that has curves."""
+    system = kind.equations(problem, details)
     assert system is not None, "every kind that has curves has equations"
     return system
 
@@ -421,7 +422,7 @@ def _vanishing_test(
 ) -> tuple[ExtendedSystem, _CurvePoint, CurveTest, int]:
     """The curve's equations at a point, and which value of which test function vanishes there."""
     told = _event_place(here, details)
-    one = _equations(kind, here.problem, told)
+    one = equations_of(kind, here.problem, told)
     at = _CurvePoint(here, one.start(here), told)
     return one, at, *_smallest_test(at, kind, name, changes)
 
@@ -429,7 +430,7 @@ def _vanishing_test(
 def _pair(here: Linearisation, kind: Kind, other: Kind, details: Details) -> DoubleSystem:
     """Two events of one orbit at once."""
     problem, name = here.problem, f"{kind.name}-{other.name}"
-    one, two = (_equations(k, problem, details) for k in (kind, other))
+    one, two = (equations_of(k, problem, details) for k in (kind, other))
     size = len(one.start(here))
     tests: list[TestFunction] = []
     for test in (t for t in _curve_tests(kind, problem) if t.pole != other.name):
@@ -481,12 +482,6 @@ def _time_of_touch(here: Linearisation, flight: int, wall: str) -> float:
     gap, velocity = np.transpose(tracks) - [[away], [0.0]]
     nearest = np.argmin((gap / np.ptp(gap)) ** 2 + (velocity / np.ptp(velocity)) ** 2)
     return float(row[0] + inside[nearest])
-
-
-def _equations(kind: Kind, problem: OrbitProblem, details: Details) -> ExtendedSystem:
-    system = kind.equations(problem, details)
-    assert system is not None, "every kind that has curves has equations"
-    return system
 
 
 def _curve_tests(kind: Kind, problem: OrbitProblem) -> list[CurveTest]:

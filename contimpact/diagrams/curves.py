@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -635,11 +635,6 @@ def _row(point: Point[CurvePoint], sides: list[float]) -> dict[str, float | str]
         "reason": verdict.reason or "",
         "residual": float(np.max(np.abs(here.residual))),
     }
-
-
-def set_fixed_parameters(curve: Curve, fixed: Mapping[str, float]) -> Curve:
-    """Return a curve that knows the values of its family's parameters."""
-    return dataclasses.replace(curve, fixed=dict(fixed))
 
 
 # Isolines of quantities of orbits in two parameters, and sensitivities of events.

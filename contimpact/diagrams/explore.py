@@ -9,9 +9,8 @@ symmetry) is not followed twice; the second way to it is recorded as a meeting.
 from __future__ import annotations
 
 import collections
-import dataclasses
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -49,31 +48,6 @@ from .starting_orbits import (
 if TYPE_CHECKING:
     from .starting_orbits import Settled
 
-# What a diagram has cost: points, iterations, evaluations.
-
-
-def counts_of(runs: Sequence[Run], probes: int) -> dict[str, int]:
-    """Return the counts of a diagram's branches; `probes` are the switches tried."""
-    walks = [walk for run in runs for walk in run.walks]
-    problems = {id(run.problem): run.problem for run in runs}
-    return {
-        "branches": len(runs),
-        "points": sum(len(run.points) for run in runs),
-        "corrector_iterations": sum(w.corrector_iterations for w in walks),
-        "rejected_steps": sum(w.rejected_steps for w in walks),
-        "switches_tried": probes,
-        "kernel_evaluations": sum(p.kernel_evaluations for p in problems.values()),
-    }
-
-
-def evaluations_of(tests: Iterable[TestFunction]) -> dict[str, int]:
-    """Return the evaluations of test functions, by kind."""
-    counts = collections.Counter[str]()
-    for test in tests:
-        counts[test.kind] += test.evaluations
-    return dict(counts)
-
-
 # Branches with what leads away from them: branches born at their events, and others they meet.
 
 
@@ -84,23 +58,6 @@ class Birth:
     event: Event
     entry: Entry
     depth: int
-
-
-def add_openings(
-    branches: Sequence[Branch],
-    opens: Mapping[str, Sequence[str]],
-    meetings: Mapping[str, Sequence[str]],
-) -> list[Branch]:
-    """Return branches that know what opens at their entries and what they meet.
-
-    `opens` has the branches born at an entry by its name, `meetings` those that a branch meets.
-    """
-    finished = []
-    for branch in branches:
-        events = [dataclasses.replace(e, opens=tuple(opens.get(e.id, ()))) for e in branch.events]
-        met = list(meetings.get(branch.id, []))
-        finished.append(dataclasses.replace(branch, events=events, meetings=met))
-    return finished
 
 
 STAGES = ("kernels", "search", "walk", "events", "switching", "tables")
@@ -312,7 +269,7 @@ class _Explorer:
             raise refusal(list(self.lacking.values()), self.settled)
         return Diagram(
             scene.name,
-            add_openings(self.branches, self.opens, self.meetings),
+            [self.with_openings(branch) for branch in self.branches],
             statistics=self.statistics(),
             survey=self.surveyed,
             limits=self.limits.listed() or (),
@@ -503,6 +460,11 @@ class _Explorer:
         self.opens.setdefault(entry.id, []).append(branch)
         self.meetings.setdefault(branch, []).append(entry.id)
 
+    def with_openings(self, branch: Branch) -> Branch:
+        """A branch that knows what opens at its entries and what it meets."""
+        events = [replace(e, opens=tuple(self.opens.get(e.id, ()))) for e in branch.events]
+        return replace(branch, events=events, meetings=list(self.meetings.get(branch.id, [])))
+
     # Bookkeeping.
 
     def next_name(self) -> str:
@@ -618,10 +580,22 @@ class _Explorer:
     def statistics(self) -> dict[str, Any]:
         lacking = self.not_found()
         limits = map(str, self.limits.listed())
+        walks = [walk for run in self.runs for walk in run.walks]
+        problems = {id(run.problem): run.problem for run in self.runs}
+        evaluations = collections.Counter[str]()
+        for test in self.tested:
+            evaluations[test.kind] += test.evaluations
         return {
             "seconds": self.seconds,
-            "counts": counts_of(self.runs, self.probes),
-            "test_functions": evaluations_of(self.tested),
+            "counts": {
+                "branches": len(self.runs),
+                "points": self.points(),
+                "corrector_iterations": sum(w.corrector_iterations for w in walks),
+                "rejected_steps": sum(w.rejected_steps for w in walks),
+                "switches_tried": self.probes,
+                "kernel_evaluations": sum(p.kernel_evaluations for p in problems.values()),
+            },
+            "test_functions": dict(evaluations),
             "kernels": {"loaded": self.kernels.loaded, "generated": self.kernels.generated},
             "not_found": [each.as_record() for each in lacking],
             "notes": [

@@ -44,22 +44,21 @@ from ..results.options import CURVE_SETTINGS, CurveOptions
 from ..results.scene import Scene
 from ..segments.kernels import Kernels
 from .areas import Divider
-from .curve_problem import CurvePoint, CurveProblem, double_of, require_curve, starts_at
-from .curves import (
-    Range,
-    check_range,
-    clip_rounding,
-    curve_from_walks,
-    follow_curve,
-    set_fixed_parameters,
-    walk_curve,
+from .curve_problem import (
+    CurvePoint,
+    CurveProblem,
+    double_of,
+    equations_of,
+    require_curve,
+    starts_at,
 )
+from .curves import Range, check_range, clip_rounding, curve_from_walks, follow_curve, walk_curve
 from .map_lines import (
     Lines,
     first_bifurcation,
     orbit_at_start,
     passes_entry,
-    run_at,
+    run_along,
     run_through,
     run_with,
     same_curve,
@@ -208,8 +207,6 @@ BESIDE = (0.05, 0.02, 0.005, 0.001)
 NEARLY = 1e-3
 """How near to a shorter orbit one is taken for it; points beside a PD-G are known no better."""
 
-Bounds = tuple[float, float]
-
 
 def entries_born(
     entry: Entry,
@@ -217,7 +214,7 @@ def entries_born(
     model: Model,
     kinds: Sequence[str],
     kernels: Kernels,
-    ranges: Sequence[Bounds],
+    ranges: Sequence[Range],
 ) -> Iterator[Entry]:
     """Yield events beside a point of codimension two, on the curves of other events, of these
     kinds, that meet there: one for each direction in which a curve leaves, within the ranges of
@@ -238,11 +235,10 @@ def _repeats(start: CurveStart) -> bool:
     return start.leaves is None and repeats(here.problem, here.unknowns, NEARLY)
 
 
-def _points_beside(start: CurveStart, ranges: Sequence[Bounds]) -> Iterator[CurvePoint]:
+def _points_beside(start: CurveStart, ranges: Sequence[Range]) -> Iterator[CurvePoint]:
     """Points of a curve in both directions from its start, where they lie within the ranges."""
     here = start.here
-    system = kind_of(start.kind).equations(here.problem, start.details)
-    assert system is not None, "every kind that has curves has equations"
+    system = equations_of(kind_of(start.kind), here.problem, start.details)
     own = system.start(here)
     (low, high), (first, last) = ranges
     curve = CurveProblem(kind_of(start.kind), system, start.details, [high - low])
@@ -262,7 +258,7 @@ def _points_beside(start: CurveStart, ranges: Sequence[Bounds]) -> Iterator[Curv
 
 
 def _first_curve_point(
-    curve: CurveProblem, middle: Array, tangent: Array, scale: Array, ranges: Sequence[Bounds]
+    curve: CurveProblem, middle: Array, tangent: Array, scale: Array, ranges: Sequence[Range]
 ) -> CurvePoint | None:
     """The point of a curve at a small distance, by which its equations are regular."""
     for distance in BESIDE:
@@ -375,6 +371,10 @@ class Covering:
 
 
 # A scene's curves: started at the entries of its diagram, for every member of its family.
+
+SEARCHED = 6
+"""Values of the first parameter at which a run looks for orbits, besides the scene's own: evenly in
+logarithms where all values are positive."""
 
 MOST_ROUNDS = 6
 """How often what the curves say is checked against runs, and curves are started where it fails."""
@@ -567,7 +567,7 @@ class _CurveExplorer:
         except InputError as error:
             self.notes.append(f"no curve of {entry.id} {entry.label}: {error.found}")
             return None
-        curve = set_fixed_parameters(curve, fixed)
+        curve = dataclasses.replace(curve, fixed=dict(fixed))
         problem = problem_of(model, Word(curve.word, curve.period), self.pairs)
         same = next((other.id for other in own if same_curve(curve, other, problem)), None)
         if same is not None:
@@ -658,7 +658,10 @@ class _CurveExplorer:
         scene, second = self.scene, self.options.parameter
         self.progress(f"{_fixed_text(fixed)}{word}: run at {second} = {value:.6g}")
         there = model.replace(**{second: value})
-        runs = run_at(scene, there, word, self.kernels)
+        low, high = scene.range
+        spaced = np.geomspace if low > 0.0 else np.linspace
+        searched = [scene.start, *spaced(low, high, SEARCHED + 2)[1:-1].tolist()]
+        runs = run_along(scene, there, word, self.kernels, scene.range, searched)
         met = [self.start_from(run, there, fixed) for run in runs]
         self.evaluations += runs[0].problem.kernel_evaluations if runs else 0
         along = self.along(fixed)

@@ -38,16 +38,13 @@ from ..results.branch import Branch, Entry, columns_of, details_of, orbit_of
 from ..results.curve import BIRTHS, Coverage, Curve
 from ..results.scene import Scene
 from ..segments.kernels import Kernels
-from .curve_problem import system_of
+from .curve_problem import equations_of
 from .orbit_walks import Run, first_step, run_born, symmetric_end, walk_both_ways
 
 # One-parameter runs across a map of curves: what the curves are started from and checked against.
 #
 # A run is at one value of the second parameter, for one member of the family: orbits of every word
 # of the scene are looked for at several values of the first parameter, and their branches followed.
-
-SEARCHED = 6
-"""Values of the first parameter at which a run looks for orbits, besides the scene's own."""
 
 SAME_CURVE = 1e-8
 NEAR_CURVE = 1e-3
@@ -56,19 +53,6 @@ BENT = 0.25
 """How far a curve is from the straight way between two of its points at most, as part of that."""
 
 Range = tuple[float, float]
-
-
-def run_at(scene: Scene, model: Model, word: Word, kernels: Kernels) -> list[Run]:
-    """Follow every orbit of a word that is found at some value of the first parameter, which is
-    free.
-
-    The model is a member of the family, at the second parameter's value. Orbits are looked for at
-    the start and across the range, evenly in logarithms where all values are positive.
-    """
-    low, high = scene.range
-    spaced = np.geomspace if low > 0.0 else np.linspace
-    searched = [scene.start, *spaced(low, high, SEARCHED + 2)[1:-1].tolist()]
-    return run_along(scene, model, word, kernels, scene.range, searched)
 
 
 def run_along(
@@ -259,7 +243,8 @@ class _Compared:
         off = self.distance(problem, guess, unknowns)
         if off > size + NEAR_CURVE:
             return False
-        solution = solve(system_of(problem, entry), problem.evaluate(unknowns + away))
+        system = equations_of(kind_of(entry.kind), problem, details_of(entry))
+        solution = solve(system, problem.evaluate(unknowns + away))
         if solution is None:
             return off < NEAR_CURVE
         return self.distance(problem, solution.unknowns, unknowns) < SAME_CURVE
@@ -420,46 +405,6 @@ VANISHING: dict[str, Callable[[Points], Array]] = {
     "V": _velocities,
 }
 """Values that vanish at events of a kind, along the points of a run: shape (P, values)."""
-
-
-Place = Mapping[str, float]
-"""Values of both parameters."""
-
-Cross = Callable[[NearMiss, str, Place], "Run | None"]
-"""Follow the orbit of a near miss while a parameter is held at its value at a place."""
-
-
-class Descents:
-    """Descents from near misses to events, or to where nothing is nearer, within both `ranges`."""
-
-    def __init__(self, ranges: Mapping[str, tuple[float, float]], cross: Cross) -> None:
-        self.ranges, self.cross = ranges, cross
-        self.seen: list[tuple[Array, NearMiss]] = []
-
-    def runs(self, miss: NearMiss, held: str, value: float) -> Iterator[Run]:
-        """Follow from a near miss on a line that holds a parameter at a value."""
-        for _ in range(MOST_STEPS):
-            free = next(name for name in self.ranges if name != held)
-            place = {held: value, free: float(miss.unknowns[-1])}
-            run = None if self.known(miss, place) else self.cross(miss, free, place)
-            if run is None:
-                return
-            yield run
-            further = [one for one in near_misses(run, [miss.kind]) if one.index == miss.index]
-            held, value = free, place[free]
-            nearest = min(further, key=lambda one: one.size, default=miss)
-            if nearest.size > NEARER * miss.size or any(e.kind == miss.kind for e in run.events):
-                return
-            miss = nearest
-
-    def known(self, miss: NearMiss, place: Place) -> bool:
-        """Whether a descent has been next to a near miss; from now on one has."""
-        limits = self.ranges.items()
-        parts = np.array([(place[name] - low) / (high - low) for name, (low, high) in limits])
-        if any(np.max(np.abs(parts - p)) < SAME_PLACE and miss.like(m) for p, m in self.seen):
-            return True
-        self.seen.append((parts, miss))
-        return False
 
 
 # The branches that cross one line of a map: found on other lines, by search, and by switching.
@@ -669,8 +614,7 @@ class Lines:
         }
         self.laid: list[Line] = []
         self.looked = 0
-        ranges = {held: way[2] for held, way in self.ways.items()}
-        self.descents = Descents(ranges, self.cross)
+        self.seen: list[tuple[Array, NearMiss]] = []
         self.met = [LineSurvey(word)]
         self.followed: Counter[tuple[str, int]] = Counter()
         self.left_out: list[str] = []
@@ -688,8 +632,9 @@ class Lines:
             if held is None:
                 break
             quiet = 0 if self.run(held, part) else quiet + 1
-            if quiet >= wanted and (self.look_between() or self.descend() or self.catch_up()):
-                quiet = 0
+            if quiet >= wanted:
+                met = [self.run(*place) for place in self.between()]
+                quiet = 0 if any(met) or self.descend() or self.catch_up() else quiet
         return [self.said(met, dict(fixed), quiet >= wanted) for met in self.met]
 
     def lines(self) -> Iterator[tuple[str, float]]:
@@ -698,11 +643,6 @@ class Lines:
         for part in [INSIDE, 1.0 - INSIDE, *((GOLDEN * np.arange(1, 1 + most)) % 1.0).tolist()]:
             for held in self.ways:
                 yield held, part
-
-    def look_between(self) -> bool:
-        """Lay lines between neighbours that differ; whether one met an entry on no curve."""
-        met = [self.run(*place) for place in self.between()]
-        return any(met)
 
     def between(self) -> Iterator[tuple[str, float]]:
         """Places half way between neighbours with different numbers of branches, ever nearer."""
@@ -805,7 +745,7 @@ class Lines:
         """Whether an entry of some runs is on no curve."""
         self.followed.update((run.problem.word.walls, run.problem.word.period) for run in runs)
         found = [e for run in runs for e in run.branch("b0", kinds=self.options.kinds).events]
-        met = [self.meet(entry) for entry in found if self.wanted(entry)]
+        met = [self.meet(entry) for entry in found if entry.physical]  # others are without number
         return any(met)
 
     # Near misses on lines, from which closed curves between them are reached.
@@ -821,9 +761,35 @@ class Lines:
         ]
         misses.sort(key=lambda pair: pair[0].size)
         self.progress(f"{self.word}: {len(misses)} near misses on {len(lines)} lines")
-        runs = (r for m, line in misses for r in self.descents.runs(m, line.held, line.value))
+        runs = (r for m, line in misses for r in self.descent(m, line.held, line.value))
         met = [self.meet_on([run]) for run in runs]
         return any(met)
+
+    def descent(self, miss: NearMiss, held: str, value: float) -> Iterator[Run]:
+        """Follow from a near miss on a line that holds a parameter at a value to an event, or to
+        where nothing is nearer."""
+        for _ in range(MOST_STEPS):
+            free = next(name for name in self.ways if name != held)
+            place = {held: value, free: float(miss.unknowns[-1])}
+            run = None if self.known(miss, place) else self.cross(miss, free, place)
+            if run is None:
+                return
+            yield run
+            further = [one for one in near_misses(run, [miss.kind]) if one.index == miss.index]
+            held, value = free, place[free]
+            nearest = min(further, key=lambda one: one.size, default=miss)
+            if nearest.size > NEARER * miss.size or any(e.kind == miss.kind for e in run.events):
+                return
+            miss = nearest
+
+    def known(self, miss: NearMiss, place: Mapping[str, float]) -> bool:
+        """Whether a descent has been next to a near miss; from now on one has."""
+        limits = {held: way[2] for held, way in self.ways.items()}.items()
+        parts = np.array([(place[name] - low) / (high - low) for name, (low, high) in limits])
+        if any(np.max(np.abs(parts - p)) < SAME_PLACE and miss.like(m) for p, m in self.seen):
+            return True
+        self.seen.append((parts, miss))
+        return False
 
     def cross(self, miss: NearMiss, held: str, place: Mapping[str, float]) -> Run | None:
         """Follow the orbit of a near miss while a parameter is held."""
@@ -834,11 +800,6 @@ class Lines:
         run = None if here is None else run_on_line(self.scene, problem, here.unknowns, limits)
         self.evaluations += problem.kernel_evaluations
         return run
-
-    @staticmethod
-    def wanted(entry: Entry) -> bool:
-        """Whether an entry is to be on a curve: unphysical orbits are without number."""
-        return entry.physical
 
     def meet(self, entry: Entry) -> bool:
         """Whether an entry is on no curve yet; one is started there."""

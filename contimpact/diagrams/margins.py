@@ -31,14 +31,14 @@ from ..display import limit_lines
 from ..errors import InputError, explain_arguments, short_repr
 from ..models.model import Model
 from ..orbits.orbit import Orbit
-from ..orbits.problem import Linearisation, OrbitProblem
+from ..orbits.problem import Linearisation
 from ..orbits.quiet import problem_of
 from ..orbits.search import solve_near
 from ..results.branch import Branch, Entry, orbit_at
 from ..results.diagram import to_orbit
 from ..results.options import MarginOptions, tolerance_sizes
 from ..segments.kernels import Kernels
-from .curve_problem import CurveProblem, slope_of
+from .curve_problem import CurveProblem, equations_of, slope_of
 
 ITERATIONS, APPROACH, APPROACHED = 80, 20, 1e-3
 """Iterations at most, and those after which residuals are below this, if any event is near."""
@@ -128,7 +128,7 @@ class EventMargin:
         values = [model.values[name], model.values[parameter]]
         here = problem.evaluate(np.append(self.orbit.unknowns[: problem.n], values))
         kind = kind_of(self.kind)
-        system = _equations(kind, problem, self.details)
+        system = equations_of(kind, problem, self.details)
         curve = CurveProblem(kind, system, self.details, [1.0])
         return rates[name] * slope_of(curve, curve.packed(here.unknowns, system.start(here)))
 
@@ -500,12 +500,6 @@ def _is_near(kind: Kind, here: Linearisation) -> bool:
     pairs = multipliers[multipliers.imag != 0.0]
     near = bool(np.any(np.abs(np.abs(pairs) - 1.0) < ASIDE))
     return near or kind.changes is not Change.STABILITY
-
-
-def _equations(kind: Kind, problem: OrbitProblem, details: Details) -> ExtendedSystem:
-    system = kind.equations(problem, details)
-    assert system is not None, "an event without equations has no margin"
-    return system
 
 
 def _minimise(
