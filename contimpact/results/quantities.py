@@ -22,6 +22,7 @@ from ..orbits.outputs import means_of
 from ..segments.kernels import Kernels
 from ..systems.membrane import Membrane, velocity_scale
 from .branch import Branch, find_imported_system, model_at, orbit_at
+from .options import QUANTITIES, VOLTAGES
 from .scene import OUTPUT_ERROR
 
 # The vocabulary that pictures and the page share: how names are written, which colour a wall has.
@@ -104,15 +105,21 @@ def direction_text(parameter: str, rising: bool) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Energy:
-    """Output voltages of a motion."""
+    """What the impacts of a motion deliver, or take: output voltages, or energies lost."""
 
     impacts: Array
-    """U_k, V, shape (N,)."""
+    """Of each impact, such as U_k in V; an energy lost is zero for a release, shape (N,)."""
     per_impact: float
     per_time: float
-    """`per_impact`, `per_time`: the means of equations (9), V, the second per unit of dimensionless
+    """`per_impact`, `per_time`: the means of equations (9), the second per unit of dimensionless
     time. Where impacts accumulate there are infinitely many of them, and the mean per impact is
     zero."""
+
+    @classmethod
+    def of(cls, impacts: Array, span: float) -> Energy:
+        """Return what impacts made in a time add up to."""
+        total = float(np.sum(impacts))
+        return cls(impacts, total / len(impacts) if len(impacts) else 0.0, total / span)
 
 
 def impact_voltages(
@@ -121,9 +128,7 @@ def impact_voltages(
     """Return the voltages of impacts, by their dimensionless velocities before impact, of shape
     (N,), made in a dimensionless time `span`; parameters are those of a system with membranes."""
     voltages = membrane.voltage(velocity_scale(parameters) * np.asarray(velocities))
-    total = float(np.sum(voltages))
-    mean = total / len(voltages) if len(voltages) else 0.0
-    return Energy(voltages, mean, total / span)
+    return Energy.of(voltages, span)
 
 
 def branch_voltages(membrane: Membrane, branch: Branch) -> dict[str, Array]:
@@ -138,9 +143,6 @@ def branch_voltages(membrane: Membrane, branch: Branch) -> dict[str, Array]:
     columns["U_T"] = total / _periods(branch)
     return columns
 
-
-QUANTITIES = ("velocity", "multipliers", "moduli", "energy", "U_I", "U_T", "gap", "period")
-"""Names of quantities beside those of columns."""
 
 Quantity: TypeAlias = str | Callable[[Branch], Any]
 """A name, or a function of a branch that returns values with a row for each point."""
@@ -181,7 +183,7 @@ def series_of(
     if quantity in ("multipliers", "moduli"):
         rows = branch.multipliers.real if quantity == "multipliers" else abs(branch.multipliers)
         return [Series(f"multiplier {k}", m, poles=True) for k, m in enumerate(rows.T, start=1)]
-    if quantity in ("energy", "U_I", "U_T"):
+    if quantity in VOLTAGES:
         return _voltages(branch, quantity, membrane or Membrane())
     if quantity == "period":
         return [Series("period", _periods(branch))]

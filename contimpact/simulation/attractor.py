@@ -184,9 +184,8 @@ class Attractor(ParameterItems, NotebookResult):
             raise InputError("attractor", f"found {self.label}", accepted)
         at = self.require_model(model)
         followed = parameter or next(iter(at.values))
-        columns = [self.times, self.velocities, *self.others.T]
-        unknowns = [*np.stack(columns, axis=1).ravel(), at.values[followed]]
-        return orbit_with(at, (self.word, self.period), followed, np.array(unknowns))
+        unknowns = np.append(impact_table(self.times, self), at.values[followed])
+        return orbit_with(at, (self.word, self.period), followed, unknowns)
 
     def as_record(self) -> dict[str, Any]:
         """Return plain data from which `from_record` makes the same attractor."""
@@ -323,7 +322,7 @@ def solve_cycle(simulator: Simulator, state: State, impacts: int, period: int) -
         word = walls
         late = (end.turns - state.turns - period) * simulator.period + end.phase - state.phase
         miss = np.array([late, *np.subtract(end.section, state.section)])
-        size = float(np.max(np.abs(miss) / _natural_sizes(state, simulator.period)))
+        size = float(np.max(np.abs(miss) / natural_sizes([state.section], simulator.period)))
         rows = [state, *run.states()]
         if size < CLOSED or (size >= 0.5 * best and size < ROUNDED):
             mus = _multipliers(simulator, rows)
@@ -340,14 +339,10 @@ def solve_cycle(simulator: Simulator, state: State, impacts: int, period: int) -
     return None
 
 
-def _natural_sizes(state: State, period: float) -> Array:
-    """Of a time and section coordinates: the period, the largest velocity, and for positions what
-    it is in a wave of the forcing."""
-    return natural_sizes(np.array([state.section]), period)
-
-
-def natural_sizes(sections: Array, period: float) -> Array:
-    """The same of the states with these section coordinates, shape (N, m)."""
+def natural_sizes(sections: Any, period: float) -> Array:
+    """Of times and section coordinates, shape (N, m): the period, the largest velocity, and for
+    positions what it is in a wave of the forcing."""
+    sections = np.asarray(sections)
     sizes = np.full(1 + sections.shape[1], np.max(np.abs(sections[:, ::2]), initial=0.0) or 1.0)
     sizes[::2] *= period / (2.0 * math.pi)
     sizes[0] = period
@@ -406,7 +401,7 @@ class Unstable:
         if rest:
             return False
         table, sizes = _table(run), _sizes(run)
-        offs = table[first] - _columns(cycle.times, cycle)
+        offs = table[first] - impact_table(cycle.times, cycle)
         k = int(np.argmin(states_apart(offs, sizes)))
         if not np.array_equal(np.tile(np.roll(cycle.walls, -k), times), run.walls[first:last]):
             return False
@@ -503,14 +498,14 @@ def _cycle_of_releases(run: Run) -> tuple[Cycle, float] | None:
     return None
 
 
-def _columns(times: Array, rows: Run | Cycle) -> Array:
+def impact_table(times: Array, rows: Run | Cycle | Attractor) -> Array:
     """Times or phases, and section coordinates."""
     return np.column_stack([times, rows.velocities, *rows.others.T])
 
 
 def _table(run: Run) -> Array:
     """Phases and section coordinates."""
-    return _columns(run.phases, run)
+    return impact_table(run.phases, run)
 
 
 def _sizes(run: Run) -> Array:
@@ -528,13 +523,13 @@ def states_apart(difference: Array, sizes: Array) -> Array:
 
 def _distance(run: Run, cycle: Cycle) -> float:
     """Distance from the run's last impact to a cycle."""
-    apart = states_apart(_columns(cycle.times, cycle) - _table(run)[-1], _sizes(run))
+    apart = states_apart(impact_table(cycle.times, cycle) - _table(run)[-1], _sizes(run))
     return float(np.min(apart[cycle.walls == run.walls[-1]], initial=math.inf))
 
 
 def repetitions_of(cycle: Cycle, period: float) -> int:
     """How many times a cycle runs through a shorter one."""
-    n, table = len(cycle.walls), _columns(cycle.times, cycle)
+    n, table = len(cycle.walls), impact_table(cycle.times, cycle)
     sizes = np.concatenate([[period], np.maximum(np.max(np.abs(table[:, 1:]), axis=0), 1e-300)])
     for parts in range(cycle.period, 1, -1):
         if n % parts or cycle.period % parts:
@@ -554,7 +549,7 @@ def _multipliers(simulator: Simulator, rows: Sequence[State]) -> tuple[complex, 
     derivatives = simulator.derivatives(rows)
     if not np.all(np.isfinite(derivatives)):
         return (complex(math.inf),) * derivatives.shape[1]
-    sizes = np.exp2(np.round(np.log2(_natural_sizes(rows[0], simulator.period))))
+    sizes = np.exp2(np.round(np.log2(natural_sizes([rows[0].section], simulator.period))))
     derivatives = derivatives * sizes / sizes[:, None]
     back = np.broadcast_to(-np.eye(derivatives.shape[1]), derivatives.shape)
     return tuple(complex(mu) for mu in multipliers(derivatives, back))

@@ -347,7 +347,8 @@ class Automaton:
         self, window: Window, numbers: Sequence[int], left: int | None
     ) -> tuple[float, int, float] | None:
         """When a window's coordinate first arrives at one of its guards: time, guard, velocity."""
-        own = left is not None and self.guards[left].row(self.size) == self._row(numbers)
+        row = self.guards[numbers[0]].row(self.size)
+        own = left is not None and self.guards[left].row(self.size) == row
         (low, below), (high, above) = (self._nearest(numbers, side) for side in (-1, 1))
         if not own:
             lowest, highest = window.bounds(self.guards[numbers[0]])
@@ -418,9 +419,6 @@ class Automaton:
             if self.guards[k].side * rate > MOVED * self.fastest:
                 return True
         return False
-
-    def _row(self, numbers: Sequence[int]) -> tuple[float, ...]:
-        return self.guards[numbers[0]].row(self.size)
 
     def _nearest(self, numbers: Sequence[int], side: int) -> tuple[float, int]:
         """Position and number of the nearest guard on a side; infinitely far if there is none."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
@@ -71,16 +71,19 @@ def attractor_voltages(membrane: Membrane, attractor: Attractor) -> Energy:
     require_membranes(attractor.model)
     if not attractor.times.size:
         return Energy(np.zeros(0), 0.0, 0.0)
+    hits, span = _counted(attractor)
+    found = impact_voltages(membrane, attractor.parameters, attractor.velocities[hits], span)
+    return replace(found, per_impact=0.0) if attractor.accumulates else found
+
+
+def _counted(attractor: Attractor) -> tuple[Array, float]:
+    """Which rows of an attractor are counted, and the time that they take: all impacts of its
+    period, or else those after the first one, until the last."""
     hits = ~attractor.released
     if attractor.period is not None:
-        span = attractor.period * attractor.forcing_period
-    else:  # from the first impact to the last, without the first
-        span = float(attractor.times[-1] - attractor.times[0])
-        hits = hits & (np.arange(len(hits)) > 0)
-    found = impact_voltages(membrane, attractor.parameters, attractor.velocities[hits], span)
-    if attractor.accumulates:
-        return Energy(found.impacts, 0.0, found.per_time)
-    return found
+        return hits, attractor.period * attractor.forcing_period
+    hits[0] = False
+    return hits, float(attractor.times[-1] - attractor.times[0]) or math.nan
 
 
 # The energy that impacts take: the loss of kinetic energy at each jump.
@@ -97,20 +100,8 @@ def attractor_voltages(membrane: Membrane, attractor: Attractor) -> Energy:
 # unit of mass, unless the system says what moves.
 
 
-@dataclass(frozen=True, eq=False)
-class Losses:
-    """The energy that the impacts of a motion take."""
-
-    impacts: Array
-    """Energy lost at each impact; zero for a release, shape (N,)."""
-    per_impact: float
-    per_time: float
-    """`per_impact`, `per_time`: means. Where impacts accumulate there are infinitely many, and the
-    mean per impact is zero."""
-
-
 @explain_arguments
-def losses(of: Orbit | Entry | Attractor, model: Model | None = None) -> Losses:
+def losses(of: Orbit | Entry | Attractor, model: Model | None = None) -> Energy:
     """Return the kinetic energy that impacts take.
 
     Parameters
@@ -121,7 +112,7 @@ def losses(of: Orbit | Entry | Attractor, model: Model | None = None) -> Losses:
 
     Returns
     -------
-    Losses
+    Energy
 
     Raises
     ------
@@ -135,32 +126,27 @@ def losses(of: Orbit | Entry | Attractor, model: Model | None = None) -> Losses:
         walls = orbit.model.letters
         numbers = np.array([walls.index(w) for w in problem.word.walls], dtype=int)
         found = _lost_energies(problem.kernels, orbit.model, numbers, rows[:, 1:])
-        return _means(found, problem.span(orbit.unknowns))
+        return Energy.of(found, problem.span(orbit.unknowns))
     if not isinstance(of, Attractor) or model is None:
         accepted = "give an orbit, an entry, or an attractor and its model"
         raise InputError("of", f"found {short_repr(of)}", accepted)
     return losses_of_attractor(of, model, Kernels(model, next(iter(model.values))))
 
 
-def losses_of_attractor(attractor: Attractor, model: Model, kernels: Kernels) -> Losses:
+def losses_of_attractor(attractor: Attractor, model: Model, kernels: Kernels) -> Energy:
     """Return the losses of an attractor, over its period or over the end of its run."""
     if not len(attractor.walls):
-        return Losses(np.zeros(0), 0.0, 0.0)
+        return Energy(np.zeros(0), 0.0, 0.0)
     here = model.replace(**{name: attractor.parameters[name] for name in model.values})
     section = attractor.velocities[:, None]
     if attractor.others.size:
         section = np.column_stack([section, attractor.others])
     found = _lost_energies(kernels, here, attractor.walls, section)
     found[attractor.released] = 0.0
-    hits = ~attractor.released
-    if attractor.period is not None:
-        span = attractor.period * attractor.forcing_period
-    else:  # from the first impact to the last, without the first
-        span = float(attractor.times[-1] - attractor.times[0]) or math.nan
-        hits[0] = False
-    means = _means(found[hits], span)
+    hits, span = _counted(attractor)
+    means = Energy.of(found[hits], span)
     per_impact = 0.0 if attractor.accumulates else means.per_impact
-    return Losses(found, per_impact, means.per_time)
+    return replace(means, impacts=found, per_impact=per_impact)
 
 
 def _lost_energies(kernels: Kernels, model: Model, walls: Array, section: Array) -> Array:
@@ -182,8 +168,3 @@ def _unknown_energy_error(where: str, model: Model) -> InputError:
     found = f"the kinetic energy of {model.SYSTEM} is not known"
     stated = model.place("mass") if model.STATED else "Formulas.mass"
     return InputError(where, found, f"state its masses, {stated}")
-
-
-def _means(lost: Array, span: float) -> Losses:
-    total = float(np.sum(lost))
-    return Losses(lost, total / len(lost) if len(lost) else 0.0, total / span)

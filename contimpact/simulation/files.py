@@ -58,7 +58,7 @@ from .sweep import WRITTEN, Row, Sweep, table_of
 
 if TYPE_CHECKING:
     from ..systems.membrane import Membrane
-    from .energy import Energy, Losses
+    from .energy import Energy
     from .sweep import Coverage
     from .transitions import Transition
 
@@ -165,7 +165,8 @@ class Checkpoint:
         try:
             record = json.loads(line)
             if "row" in record:
-                self.rows.append(self._fitting(Row.from_record(record["row"])))
+                self.rows.append(Row.from_record(record["row"]))
+                self._require(self.rows[-1].attractor)
             elif "changes" in record:
                 found = [Transition.from_record(item) for item in record["changes"]]
                 key = fit_value(
@@ -175,8 +176,7 @@ class Checkpoint:
                 self.trials.clear()
             elif "trial" in record:
                 self.trials.append(Trial.from_record(record))
-                if self.model is not None and self.trials[-1].attractor is not None:
-                    self.trials[-1].attractor.require(self.model)
+                self._require(self.trials[-1].attractor)
             else:
                 self.tried.add(fit_value(record["tried"], float, "tried"))
         except DAMAGE as error:
@@ -203,11 +203,9 @@ class Checkpoint:
         if len(set(texts)) < len(texts) or not self.tried <= at_random:
             raise self._unfit("its random starts are not those of one run")
 
-    def _fitting(self, row: Row) -> Row:
-        """A row, if it can be one of the model's."""
-        if self.model is not None:
-            row.attractor.require(self.model)
-        return row
+    def _require(self, attractor: Attractor | None) -> None:
+        if self.model is not None and attractor is not None:
+            attractor.require(self.model)
 
     def _append(self, record: Mapping[str, Any]) -> None:
         """Add a line; on a full disk go on without."""
@@ -347,7 +345,7 @@ def losses_text(sweep: Sweep, kernels: Kernels) -> str:
 
 
 def _energy_rows(
-    sweep: Sweep, letter: str, of: Callable[[Attractor], Energy | Losses]
+    sweep: Sweep, letter: str, of: Callable[[Attractor], Energy]
 ) -> list[dict[str, Any]]:
     """A row for each attractor with what its impacts deliver, or lose, under names with a
     letter."""

@@ -33,6 +33,7 @@ from .attractor import (
     Attractor,
     Kind,
     distances_between,
+    impact_table,
     natural_sizes,
     spacing,
     states_apart,
@@ -48,6 +49,9 @@ APART, SPACED = 0.03, 1.5
 """Complex motions whose impacts are on average further from each other's, both ways, than this, and
 than so many times from their own, are two: distances of phases in periods, of velocities in parts
 of the largest. Those of two runs of one attractor are as near as its own, up to a fifth."""
+
+SHOWN = 12
+"""Notations of one direction that are shown."""
 
 
 @dataclass(frozen=True)
@@ -172,17 +176,17 @@ class Sweep(NotebookResult):
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
-        lines = [f"{way}: {_shorten_list(self.sequence(way))}" for way in self.directions]
+        met = {way: self.sequence(way) for way in self.directions}
+        lines = [
+            f"{way}: {', '.join(found[:SHOWN])}"
+            + (f", ... and {len(found) - SHOWN} more" if len(found) > SHOWN else "")
+            for way, found in met.items()
+        ]
         return limit_lines(self._head(), lines)
 
     def _head(self) -> str:
         cut = "; interrupted" if self.interrupted else ""
         return f"Sweep in {self.parameter}, {len(self.rows)} attractors{cut}"
-
-
-def _shorten_list(met: Sequence[str], most: int = 12) -> str:
-    left = f", ... and {len(met) - most} more" if len(met) > most else ""
-    return ", ".join(met[:most]) + left
 
 
 class Simulators:
@@ -338,12 +342,7 @@ def _marks(attractor: Attractor) -> tuple[Array, Array]:
     rows: Any = slice(None)
     if attractor.kind is Kind.STICKING:
         rows = sorted({last for _, _, last in sojourns(attractor)})
-    return attractor.walls[rows], _table(attractor)[rows]
-
-
-def _table(attractor: Attractor) -> Array:
-    """Times and section coordinates of impacts."""
-    return np.column_stack([attractor.times, attractor.velocities, *attractor.others.T])
+    return attractor.walls[rows], impact_table(attractor.times, attractor)[rows]
 
 
 @explain_arguments
@@ -402,7 +401,7 @@ def attractor_columns(m: int) -> list[str]:
 
 def table_of(sweep: Sweep) -> tuple[list[str], list[list[Any]]]:
     """Return the columns' names and the rows."""
-    most = max((_count_written(row.attractor) for row in sweep.rows), default=0)
+    most = max((min(len(row.attractor.walls), WRITTEN) for row in sweep.rows), default=0)
     letters = sweep.model.letters
     names = [*sweep.model.values, *sweep.model.DERIVED]
     m = sweep.model.unknowns_per_impact
@@ -412,10 +411,6 @@ def table_of(sweep: Sweep) -> tuple[list[str], list[list[Any]]]:
     width = most * len(each) + len(attractor_columns(m)) + len(names)
     rows = [_cells(row, names, letters, m) for row in sweep.rows]
     return columns, [cells + [None] * (width - len(cells)) for cells in rows]
-
-
-def _count_written(attractor: Attractor) -> int:
-    return min(len(attractor.walls), WRITTEN)
 
 
 def _cells(row: Row, names: Sequence[str], letters: Sequence[str], m: int) -> list[Any]:
@@ -428,7 +423,7 @@ def _cells(row: Row, names: Sequence[str], letters: Sequence[str], m: int) -> li
     total = sum(exponents) if a.exponent_sum is None else a.exponent_sum
     cells += [a.error, total, a.restitution, a.per_period, *spread]
     cells += [a.smallest_gap, a.closing, a.distance, a.periods, len(a.walls)]
-    for k in range(_count_written(a)):
+    for k in range(min(len(a.walls), WRITTEN)):
         wall = letters[a.walls[k]] + ("*" if a.released[k] else "")
         cells += [wall, float(a.times[k]), float(a.velocities[k])]
         cells += a.others[k].tolist() if a.others.size else []
@@ -684,7 +679,7 @@ def _reached(
     several = bool(attractor.held.size)
     if attractor.period is None or not (several or attractor.kind is Kind.PERIODIC):
         return none
-    mine = _table(attractor)
+    mine = impact_table(attractor.times, attractor)
     sizes = natural_sizes(mine[:, 1:], attractor.forcing_period)
     theirs = np.column_stack([batch.phases[chosen], batch.sections[chosen]])
     apart = (mine - theirs[:, None]) / sizes
@@ -787,40 +782,35 @@ def cover(sweep: Sweep, diagram: Diagram, kernels: Kernels | None = None) -> Cov
 
 
 def _match(row: Row, sweep: Sweep, diagram: Diagram, kernels: Kernels) -> Match | None:
-    attractor = row.attractor
-    if attractor.motion is not None:
-        return _match_of_motion(row, sweep, diagram, kernels)
-    if attractor.kind is not Kind.PERIODIC or attractor.word is None or attractor.period is None:
+    """The nearest orbit on a branch; those of a motion without impacts are in the first mode."""
+    attractor, found = row.attractor, []
+    word, period, still = attractor.word, attractor.period, attractor.motion is not None
+    if still and _first_mode(attractor, sweep):
+        word, period = "", 1
+    elif still or attractor.kind is not Kind.PERIODIC or word is None or period is None:
         return None
-    best: Match | None = None
     for branch in diagram.branches:
-        same_period = branch.period == attractor.period
-        if not same_period or not is_rotation(branch.word, attractor.word):
+        if branch.period != period or not is_rotation(branch.word, word):
             continue
         for orbit in orbits_on(branch, sweep, row.value, kernels):
-            distance = _distance(attractor, branch.word, orbit.problem.impacts(orbit.unknowns))
-            if distance < MATCH and (best is None or distance < best.distance):
-                kind = (attractor.notation, attractor.word, attractor.period)
-                best = Match(row.direction, row.value, *kind, branch.id, distance)
-    return best
-
-
-def _match_of_motion(row: Row, sweep: Sweep, diagram: Diagram, kernels: Kernels) -> Match | None:
-    """As `_match`, of a motion without impacts; orbits of the word `0` are in the first mode."""
-    attractor, found = row.attractor, []
-    if not _first_mode(attractor, sweep):
-        return None
-    for branch in (b for b in diagram.branches if not b.word and b.period == 1):
-        for orbit in orbits_on(branch, sweep, row.value, kernels):
-            pair = np.array([orbit.unknowns[: orbit.problem.m], attractor.motion])
-            mine, theirs = natural_places(pair, attractor.forcing_period)
-            walls = kernels.setup(*orbit.model.values.values()).walls
-            size = max(float(np.max(np.abs(theirs))), STILL * max(map(abs, map(float, walls))))
-            distance = float(np.max(np.abs(mine - theirs))) / (size or 1.0)
-            kind = (attractor.notation, "0", 1)
-            found.append(Match(row.direction, row.value, *kind, branch.id, distance))
+            if still:
+                distance = _distance_of_motions(attractor, orbit, kernels)
+            else:
+                impacts = orbit.problem.impacts(orbit.unknowns)
+                distance = _distance(attractor, branch.word, impacts)
+            what = attractor.notation, word or "0", period
+            found.append(Match(row.direction, row.value, *what, branch.id, distance))
     near = [match for match in found if match.distance < MATCH]
     return min(near, key=lambda match: match.distance, default=None)
+
+
+def _distance_of_motions(attractor: Attractor, orbit: Orbit, kernels: Kernels) -> float:
+    """How far a motion without impacts is from an orbit, in parts of its size."""
+    pair = np.array([orbit.unknowns[: orbit.problem.m], attractor.motion])
+    mine, theirs = natural_places(pair, attractor.forcing_period)
+    walls = kernels.setup(*orbit.model.values.values()).walls
+    size = max(float(np.max(np.abs(theirs))), STILL * max(map(abs, map(float, walls))))
+    return float(np.max(np.abs(mine - theirs))) / (size or 1.0)
 
 
 def _first_mode(attractor: Attractor, sweep: Sweep) -> bool:
@@ -875,7 +865,7 @@ def begins_with(orbit: Orbit, word: Word, first: tuple[float, float]) -> bool:
 def _distance(attractor: Attractor, word: str, orbit: Array) -> float:
     """Largest difference in natural sizes, the least over the rotations of the word; of long words
     a file has the first impacts alone."""
-    letters, table = attractor.word or "", _table(attractor)
+    letters, table = attractor.word or "", impact_table(attractor.times, attractor)
     sizes = natural_sizes(table[:, 1:], attractor.forcing_period)
     shifts = [k for k in range(len(word)) if word[k:] + word[:k] == letters]
     turned = (np.roll(orbit, -k, axis=0)[: len(table)] for k in shifts)
@@ -894,18 +884,15 @@ def _uncovered_groups(rows: Sequence[Row], sweep: Sweep) -> list[UncoveredGroup]
         middle = group[len(group) // 2]
         a = middle.attractor
         periodic = a.kind is Kind.PERIODIC or (a.motion is not None and _first_mode(a, sweep))
-        why = "no branch has this orbit" if periodic else _uncovered_reason(a)
+        why = f"{a.kind.value}: no orbit of finite word"
+        if periodic:
+            why = "no branch has this orbit"
+        elif a.motion is not None:
+            why = f"{a.notation}: the word 0 is that of the first mode"
         scene = scene_fragment(middle, sweep) if periodic else None
         what = (a.kind.value, a.notation, a.word, a.period)
         found.append(UncoveredGroup(*what, group[0].value, group[-1].value, len(group), why, scene))
     return found
-
-
-def _uncovered_reason(attractor: Attractor) -> str:
-    """Why what is not periodic, or not from the first mode on, lies on no branch."""
-    if attractor.motion is not None:
-        return f"{attractor.notation}: the word 0 is that of the first mode"
-    return f"{attractor.kind.value}: no orbit of finite word"
 
 
 def scene_fragment(row: Row, sweep: Sweep) -> str:

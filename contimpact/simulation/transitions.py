@@ -314,8 +314,10 @@ def _kind(before: Row, after: Row, earlier: Row | None) -> tuple[str | None, str
     """The name of a change, if it has one, and the evidence for it."""
     one, other = before.attractor, after.attractor
     if one.kind is Kind.COMPLEX:
-        slow = f"complex motion with impacts as slow as {min(abs(one.velocities)):.2g}"
-        return ("TG" if other.period is not None and _low_impacts(one) else None), slow
+        slowest = min(abs(one.velocities))
+        grazes = other.period is not None and slowest < CLOSE * _size(one)
+        seen = f"complex motion with impacts as slow as {slowest:.2g}"
+        return ("TG" if grazes else None), seen
     if one.kind is not Kind.PERIODIC:
         return None, f"{one.kind.value}: it has neither multipliers nor a gap that could vanish"
     critical = _critical(before, after, earlier)
@@ -407,11 +409,6 @@ def _size(attractor: Attractor) -> float:
     return float(max(abs(attractor.velocities), default=1.0))
 
 
-def _low_impacts(attractor: Attractor) -> bool:
-    """Whether complex motion has impacts of low velocity now and then."""
-    return bool(min(abs(attractor.velocities)) < CLOSE * _size(attractor))
-
-
 def _side(row: Row) -> Side:
     a = row.attractor
     gap = a.smallest_gap if math.isfinite(a.smallest_gap) else None
@@ -468,7 +465,11 @@ def all_changes(
     A row between that has not settled is no attractor and passed over: what is before it is
     followed to the next one, or to the last row.
     """
-    pairs = [pair for rows in _sweeps(sweep) for pair in itertools.pairwise(_settled_rows(rows))]
+    ways = [
+        [*(row for row in rows[:-1] if row.attractor.settled), *rows[-1:]]
+        for rows in _sweeps(sweep)
+    ]
+    pairs = (pair for rows in ways for pair in itertools.pairwise(rows))
     return [pair for pair in pairs if not leads_to(simulators, *pair, settling)]
 
 
@@ -480,11 +481,6 @@ def neighbours(sweep: Sweep) -> Iterator[tuple[Row, Row]]:
 
 def _sweeps(sweep: Sweep) -> list[list[Row]]:
     return [sweep.of(way) for way in sweep.directions if way != "random"]
-
-
-def _settled_rows(rows: list[Row]) -> list[Row]:
-    """The rows that have settled, and the last one."""
-    return [*(row for row in rows[:-1] if row.attractor.settled), *rows[-1:]]
 
 
 def transitions_between(
