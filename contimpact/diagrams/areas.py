@@ -140,6 +140,11 @@ class Edge:
     name: str
     points: Array
 
+    @property
+    def reversed(self) -> Edge:
+        """The same from its last corner on."""
+        return Edge(self.last, self.first, self.name, self.points[::-1])
+
 
 @dataclass(frozen=True)
 class Outline:
@@ -158,13 +163,10 @@ class Outline:
         return sum(map(_area, self.rings))
 
 
-def outlines(slabs: Sequence[Slab], contents: Sequence[Sequence[Hashable]]) -> list[Outline]:
-    """Join neighbouring cells of the same content, given for each slab from below, and trace their
-    borders; returns the outlines from left to right."""
-    return _Tracer(slabs, contents).outlines()
+class Tracer:
+    """Joins neighbouring cells of the same content, given for each slab from below, and traces
+    their borders."""
 
-
-class _Tracer:
     def __init__(self, slabs: Sequence[Slab], contents: Sequence[Sequence[Hashable]]) -> None:
         self.slabs, self.contents = slabs, contents
         self.heights = [(slab.heights(slab.left), slab.heights(slab.right)) for slab in slabs]
@@ -185,6 +187,7 @@ class _Tracer:
         return line, int(np.searchsorted(self.nodes[line], height, side="right")) - 1
 
     def outlines(self) -> list[Outline]:
+        """Return the outlines from left to right."""
         groups = self._groups()
         owner = {cell: number for number, cells in enumerate(groups) for cell in cells}
         return [self._outline(cells, number, owner) for number, cells in enumerate(groups)]
@@ -238,8 +241,8 @@ class _Tracer:
             found.append(self._across(k, j))
         found += self._upright(k, j, 1, number, owner)
         if owner.get((k, j + 1)) != number:
-            found.append(_reverse_edge(self._across(k, j + 1)))
-        found += [_reverse_edge(edge) for edge in self._upright(k, j, 0, number, owner)]
+            found.append(self._across(k, j + 1).reversed)
+        found += [edge.reversed for edge in self._upright(k, j, 0, number, owner)]
         return [edge for edge in found if edge.first != edge.last]
 
     def _across(self, slab: int, bound: int) -> Edge:
@@ -274,10 +277,6 @@ class _Tracer:
     def _place(self, node: Node) -> tuple[float, float]:
         line, number = node
         return self.xs[line], float(self.nodes[line][number])
-
-
-def _reverse_edge(edge: Edge) -> Edge:
-    return Edge(edge.last, edge.first, edge.name, edge.points[::-1])
 
 
 def _rings(edges: Sequence[Edge]) -> list[list[Edge]]:
@@ -467,13 +466,15 @@ class Divider:
         """Return the areas, numbered by `names`, and notes on what the curves do not explain."""
         self.seen = [self.run(k, FIRST) for k in range(len(self.slabs))]
         self.checks = [
-            [self.run(k, part) for part in _check_values(slab)] for k, slab in enumerate(self.slabs)
+            [self.run(k, (i + CHECK) / count) for i in range(count)]
+            for k, slab in enumerate(self.slabs)
+            for count in (math.ceil((slab.right - slab.left) / WIDEST),)
         ]
         contents = [
             [stability_text(self.within(k, j, self.seen[k])) for j in slab.cells]
             for k, slab in enumerate(self.slabs)
         ]
-        found = outlines(self.slabs, contents)
+        found = Tracer(self.slabs, contents).outlines()
         return [self.area(f"a{next(names)}", one) for one in found], self.notes
 
     # Runs.
@@ -569,15 +570,11 @@ class Divider:
             [self.ring(points) for points in outline.rings],
             outline.borders,
             outline.part,
-            self.ring(self.middles(outline.cells)),
+            self.ring(self.slabs[k].middle(j, FIRST) for k, j in outline.cells),
             checked,
             doubts,
             departure,
         )
-
-    def middles(self, cells: Sequence[Cell]) -> list[tuple[float, float]]:
-        """The middles of cells, where the first runs look."""
-        return [self.slabs[k].middle(j, FIRST) for k, j in cells]
 
     def ring(self, points: Iterable[Sequence[float]]) -> Ring:
         frame = self.frame
@@ -594,7 +591,8 @@ class Divider:
 
     def orbits(self, outline: Outline) -> list[StableOrbit]:
         """The stable orbits of an area, with the mechanisms that two runs in it show."""
-        wide = sorted(outline.cells, key=lambda cell: _width(self.slabs[cell[0]]))[-2:]
+        widths = [slab.right - slab.left for slab in self.slabs]
+        wide = sorted(outline.cells, key=lambda cell: widths[cell[0]])[-2:]
         places = [(*cell, self.seen[cell[0]]) for cell in wide]
         if len(places) == 1:
             places.append((*wide[0], self.checks[wide[0][0]][0]))
@@ -627,13 +625,3 @@ def runs_agree(one: Sequence[StableOrbit], other: Sequence[StableOrbit]) -> bool
         a == (b if a.criticality and b.criticality else replace(b, criticality=a.criticality))
         for a, b in zip(one, other, strict=True)
     )
-
-
-def _check_values(slab: Slab) -> list[float]:
-    """Where in a slab runs check the first one: more of them where it is wide."""
-    number = int(np.ceil(_width(slab) / WIDEST))
-    return [(k + CHECK) / number for k in range(number)]
-
-
-def _width(slab: Slab) -> float:
-    return slab.right - slab.left

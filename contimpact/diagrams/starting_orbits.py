@@ -13,7 +13,7 @@ import contextlib
 import enum
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -72,14 +72,19 @@ REACHED = 0.1
 """How far from the simulated impacts the orbit may be, likewise."""
 
 
-class _End(enum.Enum):
-    """How a motion ends."""
+class MotionEnd(enum.Enum):
+    """How a motion ends; the value is what is said of it, if anything."""
 
-    SETTLED = enum.auto()
-    RUNAWAY = enum.auto()
-    FLOWN = enum.auto()
-    GONE = enum.auto()
-    UNSETTLED = enum.auto()
+    SETTLED = ""
+    RUNAWAY = "run away, a million times faster than their start and their forcing"
+    FLOWN = "fly on without impacts: add 0 to follow.orbits"
+    """As orbits of the word `0` do."""
+    GONE = "fly on without impacts, which no word describes"
+    """In another mode than the first, or with a free period."""
+    UNSETTLED = (
+        f"had not settled on an orbit of at most {LONGEST} impacts: they stick, are complex or "
+        "take longer; contimpact simulate shows it"
+    )
 
 
 class Settled(NamedTuple):
@@ -89,41 +94,26 @@ class Settled(NamedTuple):
     """The stable orbits with impacts, each once."""
     motions: int
     """How many were simulated."""
-    runaways: int
-    """How many of them run away: `Outcome.RUNAWAY`."""
-    flown: int
-    """How many fly on without impacts as orbits of the word `0` do."""
-    gone: int
-    """How many fly on without impacts in another mode than the first, or with a free period."""
-    unsettled: int
-    """How many settle on no orbit of at most `LONGEST` impacts within `IMPACTS`, or stick."""
+    ends: Mapping[MotionEnd, int]
+    """How many of them end in each way."""
     cut: bool
     """Whether they ended before what `MOTIONS` and `QUIET` say, by `DEAR_STEPS`."""
 
     def words(self) -> list[str]:
         """Return the words of the orbits, each once, and 0 if motions fly on without impacts."""
         words = dict.fromkeys(str(word_of(orbit)) for orbit in self.orbits)
-        return [*words, *(["0"] if self.flown else [])]
+        return [*words, *(["0"] if self.ends.get(MotionEnd.FLOWN) else [])]
 
     def remarks(self, place: str, quiet: bool) -> list[str]:
         """Return what else the motions do that were simulated at a place, in sentences.
 
         Those without impacts are left out if orbits without impacts are followed (`quiet`).
         """
-        counts = (
-            (self.runaways, "run away, a million times faster than their start and their forcing"),
-            (not quiet and self.flown, "fly on without impacts: add 0 to follow.orbits"),
-            (self.gone, "fly on without impacts, which no word describes"),
-            (
-                self.unsettled,
-                f"had not settled on an orbit of at most {LONGEST} impacts: they stick, are "
-                "complex or take longer; contimpact simulate shows it",
-            ),
-        )
+        told = [end for end in MotionEnd if end.value and not (quiet and end is MotionEnd.FLOWN)]
         said = [
-            f"{count} of {self.motions} motions simulated at {place} {what}"
-            for count, what in counts
-            if count
+            f"{self.ends[end]} of {self.motions} motions simulated at {place} {end.value}"
+            for end in told
+            if self.ends.get(end)
         ]
         if self.cut:
             said.append(
@@ -147,20 +137,19 @@ def settled_orbits(model: Model, kernels: Kernels, rng: np.random.Generator | in
     motions, patience = (DEAR_MOTIONS, DEAR_QUIET) if effort else (MOTIONS, QUIET)
     looks = IMPACTS[: len(IMPACTS) - effort]
     found: list[Orbit] = []
-    ends: Counter[_End] = Counter()
+    ends: Counter[MotionEnd] = Counter()
     quiet = made = 0
     with limited_steps(DEAR_STEPS) as budget:
         while made < motions and quiet < patience and budget.left > 0:
             orbit, end = _settle_orbit(simulator, simulator.random_state(generator), looks)
             made, ends[end] = made + 1, ends[end] + 1
             new = orbit is not None and not any(_same_orbit(orbit, other) for other in found)
-            quiet = 0 if new else quiet + (end not in (_End.FLOWN, _End.GONE))
+            quiet = 0 if new else quiet + (end not in (MotionEnd.FLOWN, MotionEnd.GONE))
             if orbit is not None and new:
                 found.append(orbit)
     cut = budget.left <= 0
-    unsettled = max(ends[_End.UNSETTLED] - cut, 0)  # the last one was left
-    runaways, flown, gone = ends[_End.RUNAWAY], ends[_End.FLOWN], ends[_End.GONE]
-    return Settled(found, made, runaways, flown, gone, unsettled, cut)
+    ends[MotionEnd.UNSETTLED] = max(ends[MotionEnd.UNSETTLED] - cut, 0)  # the last one was left
+    return Settled(found, made, ends, cut)
 
 
 def unknowns_of_word(orbits: Iterable[Orbit], word: Word) -> list[Array]:
@@ -178,27 +167,29 @@ def word_of(orbit: Orbit) -> Word:
 
 def _settle_orbit(
     simulator: Simulator, state: State, looks: Sequence[int]
-) -> tuple[Orbit | None, _End]:
+) -> tuple[Orbit | None, MotionEnd]:
     """The orbit on which one motion settles, and how it ends."""
     try:
         return _after(simulator, state, looks)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         # a flight has no value somewhere, or takes too many steps
-        return None, _End.UNSETTLED
+        return None, MotionEnd.UNSETTLED
 
 
-def _after(simulator: Simulator, state: State, looks: Sequence[int]) -> tuple[Orbit | None, _End]:
+def _after(
+    simulator: Simulator, state: State, looks: Sequence[int]
+) -> tuple[Orbit | None, MotionEnd]:
     """The same, where all flights stay finite."""
     from ..simulation.run import Outcome
 
     for impacts in looks:
         run = simulator.run(state, impacts=impacts)
         if run.outcome is Outcome.RUNAWAY:
-            return None, _End.RUNAWAY
+            return None, MotionEnd.RUNAWAY
         if run.left is not None:
             model = simulator.model
             first = not model.MODES or model.WALLS[run.left.wall].next_mode == model.MODES[0].name
-            return None, _End.FLOWN if first and not model.autonomous else _End.GONE
+            return None, MotionEnd.FLOWN if first and not model.autonomous else MotionEnd.GONE
         if run.end is None or run.outcome is not Outcome.DONE:
             break
         state = run.end
@@ -206,8 +197,8 @@ def _after(simulator: Simulator, state: State, looks: Sequence[int]) -> tuple[Or
             continue  # it sticks, at the beginning perhaps
         for orbit in _orbits_near(simulator, run):
             if orbit.physical and np.max(np.abs(orbit.multipliers)) < 1.0:
-                return orbit, _End.SETTLED
-    return None, _End.UNSETTLED
+                return orbit, MotionEnd.SETTLED
+    return None, MotionEnd.UNSETTLED
 
 
 def _orbits_near(simulator: Simulator, run: Run) -> Iterator[Orbit]:
@@ -345,20 +336,10 @@ class NotFound:
 
     def as_record(self) -> dict[str, Json]:
         """Return plain data, as the manifest has it."""
-        return {
-            "word": self.word.walls,
-            "period": self.word.period,
-            "notation": self.notation,
-            "parameter": self.parameter,
-            "value": self.value,
-            "starts": self.starts,
-            "rounds": self.rounds,
-            "repeated": list(self.repeated),
-            "tried": self.tried,
-            "elsewhere": [[value, count] for value, count in self.elsewhere],
-            "starts_elsewhere": self.starts_elsewhere,
-            "unphysical": self.unphysical,
-        }
+        found = asdict(self)
+        found |= {"word": self.word.walls, "repeated": list(self.repeated)}
+        found["elsewhere"] = list(map(list, self.elsewhere))
+        return {"word": found.pop("word"), "period": self.word.period, **found}
 
     def __str__(self) -> str:
         rounds = "1 round" if self.rounds == 1 else f"{self.rounds} rounds"

@@ -168,11 +168,8 @@ def plot_portrait(
         _, z, v, _ = motion(simulator, other)
         ax.plot(z, v, **look)
         handles.append(style.legend_mark(label=label, **look))
-    _walls(ax.axvline, simulator)
-    for name, place, colour in wall_names(simulator.letters, simulator.positions):
-        where: dict[str, Any] = {"ha": "center", "xycoords": ax.get_xaxis_transform()}
-        where |= {"textcoords": "offset points", "color": colour, "fontsize": 8}
-        ax.annotate(name, (place, 1.0), (0, 3), **where)
+    draw_walls(ax, simulator.positions, across=False)
+    name_walls(ax, simulator.letters, simulator.positions, across=False)
     for _, wall, speed in touches:
         ax.plot(simulator.positions[wall], speed, **TOUCH)
     ax.axhline(0.0, color="0.85", linewidth=0.6, zorder=0)
@@ -204,11 +201,8 @@ def plot_series(simulator: Simulator, attractor: Attractor, ax: Any = None) -> A
     begin = np.floor(t[0] / simulator.period)
     for column, ink in _inks(simulator, INK_OF_PORTRAITS):
         ax.plot(t / simulator.period - begin, z[:, column], color=ink, linewidth=1.1)
-    _walls(ax.axhline, simulator)
-    for name, place, colour in wall_names(simulator.letters, simulator.positions):
-        where: dict[str, Any] = {"va": "center", "xycoords": ax.get_yaxis_transform()}
-        where |= {"textcoords": "offset points", "color": colour, "fontsize": 8}
-        ax.annotate(name, (1.0, place), (4, 0), **where)
+    draw_walls(ax, simulator.positions, across=True)
+    name_walls(ax, simulator.letters, simulator.positions, across=True)
     for time, wall, _ in touches:
         ax.plot(time / simulator.period - begin, simulator.positions[wall], **TOUCH)
     ax.margins(x=0.01)
@@ -224,20 +218,25 @@ def _name_in_portrait(simulator: Simulator, moving: bool = False) -> str:
     return r"$\dot{Z}$" if moving else "$Z$"
 
 
-def wall_names(letters: Sequence[str], places: Sequence[float]) -> list[tuple[str, float, str]]:
-    """Return the names of walls, one text for those that share a place, with place and colour."""
+def draw_walls(ax: Any, places: Sequence[float], across: bool) -> None:
+    """Draw walls as lines, across the axes or upright."""
+    for k, place in enumerate(places):
+        line = ax.axhline if across else ax.axvline
+        line(place, color=style.COLOURS[k % len(style.COLOURS)], linewidth=1.4, zorder=1)
+
+
+def name_walls(ax: Any, letters: Sequence[str], places: Sequence[float], across: bool) -> None:
+    """Name walls beside the axes or above them, in one text those that share a place."""
     found: dict[float, list[int]] = {}
     for number, place in enumerate(places):
         found.setdefault(round(float(place), 9), []).append(number)
-    return [
-        (", ".join(letters[k] for k in walls), place, style.COLOURS[walls[0] % len(style.COLOURS)])
-        for place, walls in found.items()
-    ]
-
-
-def _walls(line: Any, simulator: Simulator) -> None:
-    for k, position in enumerate(simulator.positions):
-        line(position, color=style.COLOURS[k % len(style.COLOURS)], linewidth=1.4, zorder=1)
+    for place, walls in found.items():
+        at, offset = ((1.0, place), (4, 0)) if across else ((place, 1.0), (0, 3))
+        frame = ax.get_yaxis_transform() if across else ax.get_xaxis_transform()
+        look: dict[str, Any] = {"va": "center"} if across else {"ha": "center"}
+        look |= {"xycoords": frame, "textcoords": "offset points", "fontsize": 8}
+        colour = style.COLOURS[walls[0] % len(style.COLOURS)]
+        ax.annotate(", ".join(letters[k] for k in walls), at, offset, color=colour, **look)
 
 
 def portrait_figure(

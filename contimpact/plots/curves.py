@@ -44,7 +44,7 @@ from ..results.curve import (
     regions,
 )
 from ..results.diagram import Diagram
-from ..simulation.attractor import Attractor, Kind
+from ..simulation.attractor import Kind
 from ..simulation.sweep import Row, Sweep
 from .diagram import legend_mark, new_figure, plot_diagram, save_figure, write_heading
 from .lines import label_axis, plain_text, set_label, symbol, values_text
@@ -305,19 +305,15 @@ def _axes(panels: Sequence[Panel]) -> Any:
     rows = -(-len(panels) // columns)
     size = (3.0 * columns + 1.2, 2.7 * rows + 0.7) if len(panels) > 1 else (6.2, 4.4)
     figure = new_figure(*size)
-    one, alike = len({p.across for p in panels}) == 1, _share_axis(panels)
+    one = len({p.across for p in panels}) == 1
+    spans = [np.ptp(np.concatenate([c[p.along] for c in p.curves])) for p in panels]
+    alike = len({p.along for p in panels}) == 1 and max(spans) < 3.0 * min(spans)
     axes = np.ravel(figure.subplots(rows, columns, sharex=one, sharey=alike, squeeze=False))
     for ax in axes[len(panels) :]:
         ax.set_visible(False)
     for ax in axes[max(len(panels) - columns, 0) : len(panels)]:  # nothing stands below these
         ax.tick_params(labelbottom=True)
     return axes[: len(panels)]
-
-
-def _share_axis(panels: Sequence[Panel]) -> bool:
-    """Whether panels have one quantity on the y axis and none needs much less than another."""
-    spans = [np.ptp(np.concatenate([c[p.along] for c in p.curves])) for p in panels]
-    return len({p.along for p in panels}) == 1 and max(spans) < 3.0 * min(spans)
 
 
 # Drawing.
@@ -649,21 +645,25 @@ def plot_transitions(
         bare, given, along=along, units=units, checks=checks, areas=areas, xlim=xlim, ylim=ylim
     )[:1]
     limits = ax.get_xlim(), ax.get_ylim()
-    found = [(s.model.values[second], met) for s in sweeps for met in _sweep_limits(s, to, along)]
+    found = [
+        (swept.model.values[second], met)
+        for swept in sweeps
+        for way in swept.directions
+        for name in to
+        for met in (_changes(swept.of(way), name, along) if way != "random" else ())
+    ]
     for place, met in found:
-        _draw_transition(ax, place, met, MARKS[list(to).index(met.notation) % len(MARKS)])
+        marker = MARKS[list(to).index(met.notation) % len(MARKS)]
+        ends, colour = [met.before, met.after], "k" if met.source else RISING
+        ax.plot([place] * 2, ends, color=colour, linewidth=0.8, zorder=6)
+        look = _look_of_transition(met.source)
+        ax.plot(place, 0.5 * sum(ends), marker=marker, zorder=7, **look)
     ax.set_xlim(*limits[0])
     values = [value for _, met in found for value in (met.before, met.after)]
     if ylim is None:
         ax.set_ylim(min([limits[1][0], *values]), max([limits[1][1], *values]))
     _legend_of_transitions(ax, [met for _, met in found], to, along)
     return ax
-
-
-def _sweep_limits(sweep: Sweep, to: Sequence[str], along: str) -> list[SweepLimits]:
-    """Where the sweep's orbits are met or left, in all its directions."""
-    ways = (sweep.of(way) for way in sweep.directions if way != "random")
-    return [met for rows in ways for name in to for met in _changes(rows, name, along)]
 
 
 def _changes(rows: Sequence[Row], name: str, along: str) -> list[SweepLimits]:
@@ -674,28 +674,12 @@ def _changes(rows: Sequence[Row], name: str, along: str) -> list[SweepLimits]:
     if values and values[-1] > values[0]:
         left = [k for k in steps if here[k - 1] and not here[k]][-1:]
         return [SweepLimits(name, values[k - 1], values[k], None) for k in left]
-    met = [k for k in steps if here[k] and not here[k - 1]][:1]
-    return [
-        SweepLimits(name, values[k - 1], values[k], _source(rows[k - 1].attractor)) for k in met
-    ]
-
-
-def _source(before: Attractor) -> str:
-    if before.kind is not Kind.PERIODIC:
-        return "complex"
-    return "multiplied" if (before.period or 1) > 1 else "single"
-
-
-def _draw_transition(ax: Any, place: float, met: SweepLimits, marker: str) -> None:
-    colour = "k" if met.source else RISING
-    ax.plot([place] * 2, [met.before, met.after], color=colour, linewidth=0.8, zorder=6)
-    ax.plot(
-        place,
-        0.5 * (met.before + met.after),
-        marker=marker,
-        zorder=7,
-        **_look_of_transition(met.source),
-    )
+    for k in (k for k in steps if here[k] and not here[k - 1]):
+        before = rows[k - 1].attractor
+        source = "multiplied" if (before.period or 1) > 1 else "single"
+        source = source if before.kind is Kind.PERIODIC else "complex"
+        return [SweepLimits(name, values[k - 1], values[k], source)]
+    return []
 
 
 def _look_of_transition(source: str | None) -> dict[str, Any]:

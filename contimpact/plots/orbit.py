@@ -22,7 +22,7 @@ from ..results.branch import Branch, Entry
 from ..results.curve import Curve
 from ..results.diagram import entry_by_name, to_orbit
 from ..simulation.attractor import Attractor
-from .attractors import INK_OF_PORTRAITS, OTHERS, wall_names
+from .attractors import INK_OF_PORTRAITS, OTHERS, draw_walls, name_walls
 from .curves import plot_curves
 from .diagram import COLOURS, legend_mark, new_figure, plot_diagram
 from .lines import STYLES, plain_text
@@ -71,7 +71,9 @@ def plot_orbit(
         For what is no orbit, or another number of labels.
     """
     given = [entry_by_name(one) for one in orbits]
-    found = [_orbit(one, model) for one in given]
+    found = [
+        one.orbit(model) if isinstance(one, Attractor) else to_orbit(one, model) for one in given
+    ]
     if not found:
         raise InputError("orbits", "none", "give an orbit, an entry, or (branch, row)")
     if labels is not None and len(labels) != len(found):
@@ -85,7 +87,7 @@ def plot_orbit(
     if plane is not None:
         for orbit, look in zip(found, looks, strict=True):
             _draw_plane(plane, orbit, look)
-        _finish(plane, found, plane.axvline, "$Z$", r"$\dot{Z}$")
+        _finish(plane, found, False, "$Z$", r"$\dot{Z}$")
         handles = [
             legend_mark(label=plain_text(t, 60), **k) for t, k in zip(told, looks, strict=True)
         ]
@@ -94,17 +96,11 @@ def plot_orbit(
     if series is not None:
         for orbit, look in zip(found, looks, strict=True):
             _draw_series(series, orbit, look, periods)
-        _finish(series, found, series.axhline, "$t/T$", "$Z$")
+        _finish(series, found, True, "$t/T$", "$Z$")
     for one, orbit in zip(given, found, strict=True):
         if isinstance(one, Entry) and one.touch_time is not None:
             _mark_touch(plane, series, orbit, one)
     return plane, series
-
-
-def _orbit(given: Any, model: Model | None) -> Orbit:
-    if not isinstance(given, Attractor):
-        return to_orbit(given, model)
-    return given.orbit(model)
 
 
 def _orbit_styles(states: Sequence[str]) -> list[dict[str, Any]]:
@@ -136,17 +132,14 @@ def _label(orbit: Orbit, state: str) -> str:
 
 def _draw_plane(ax: Any, orbit: Orbit, look: dict[str, Any]) -> None:
     _, x, v = orbit.path()
-    for flight_x, flight_v in zip(_flights(orbit, x), _flights(orbit, v), strict=True):
+    flights = (np.split(column, len(orbit.word)) for column in (x, v))
+    for flight_x, flight_v in zip(*flights, strict=True):
         ax.plot(flight_x, flight_v, **look)
     walls = positions(orbit.linearisation)
     for wall, speed in zip(orbit.word.walls, orbit.velocities, strict=True):
         ax.plot(walls[wall], speed, color=look["color"], linestyle="none", **IMPACT)
     ax.axhline(0.0, color="0.85", linewidth=0.6, zorder=0)
     ax.locator_params(axis="x", nbins=5)
-
-
-def _flights(orbit: Orbit, column: Any) -> Any:
-    return np.split(column, len(orbit.word))
 
 
 def _draw_series(ax: Any, orbit: Orbit, look: dict[str, Any], periods: int) -> None:
@@ -163,20 +156,14 @@ def _draw_series(ax: Any, orbit: Orbit, look: dict[str, Any], periods: int) -> N
     ax.margins(x=0.01)
 
 
-def _finish(ax: Any, orbits: Sequence[Orbit], line: Any, x: str, y: str) -> None:
+def _finish(ax: Any, orbits: Sequence[Orbit], across: bool, x: str, y: str) -> None:
     """The walls of all orbits, each named once, and the labels of the axes."""
-    across = line == ax.axhline
     walls: dict[str, float] = {}
     for orbit in orbits:
-        for k, (wall, place) in enumerate(positions(orbit.linearisation).items()):
-            line(place, color=COLOURS[k % len(COLOURS)], linewidth=1.4, zorder=1)
-            walls.setdefault(wall, place)
-    for name, place, colour in wall_names(list(walls), list(walls.values())):
-        at, offset = ((1.0, place), (4, 0)) if across else ((place, 1.0), (0, 3))
-        frame = ax.get_yaxis_transform() if across else ax.get_xaxis_transform()
-        look: dict[str, Any] = {"xycoords": frame, "textcoords": "offset points"}
-        look |= {"va": "center"} if across else {"ha": "center"}
-        ax.annotate(name, at, offset, color=colour, fontsize=8, **look)
+        own = positions(orbit.linearisation)
+        draw_walls(ax, list(own.values()), across)
+        walls = own | walls
+    name_walls(ax, list(walls), list(walls.values()), across)
     ax.set_xlabel(x)
     ax.set_ylabel(y)
 

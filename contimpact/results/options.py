@@ -375,14 +375,21 @@ def _is_pair(given: Any) -> bool:
     )
 
 
+def check_box(
+    given: Mapping[str, Any], where: str, count: int
+) -> dict[str, tuple[tuple[float, float], ...]]:
+    """Return the pairs of a table of starts of so many coordinates, by its keys."""
+    for name in given:
+        found = f"unknown key {short_repr(name)}"
+        require_known(name, ("time", "position", "velocity"), where, found)
+    return {
+        name: check_pairs(f"{where}.{name}", value, 1 if name == "time" else count)
+        for name, value in given.items()
+    }
+
+
 def _box(given: Mapping[str, Any], where: str, here: Any) -> Mapping[str, Any]:
-    """The table of starts: pairs of numbers."""
-    for name, value in given.items():
-        if name not in ("time", "position", "velocity"):
-            found = f"unknown key {short_repr(name)}"
-            raise InputError(where, found, "accepted are time, position and velocity")
-        count = 1 if name == "time" else here.scene.model.DEGREES_OF_FREEDOM
-        check_pairs(f"{where}.{name}", value, count)
+    check_box(given, where, here.scene.model.DEGREES_OF_FREEDOM)
     return dict(given)
 
 

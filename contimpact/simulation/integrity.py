@@ -32,7 +32,7 @@ from ..orbits.orbit import Orbit
 from ..orbits.search import solve_near
 from ..progress import Asked, progress_lines
 from ..results.catalogue import FRACTIONS, Share, shorten_names
-from ..results.options import MOST_FRACTION_STARTS, MOST_ROUNDS, SETTLING, Settling, check_pairs
+from ..results.options import MOST_FRACTION_STARTS, MOST_ROUNDS, SETTLING, Settling, check_box
 from ..segments.kernels import Kernels
 from ..storage import csv_text
 from .attractor import OTHER, Attractor, Kind, distances_between
@@ -86,22 +86,15 @@ def start_box(simulator: Simulator, box: Mapping[str, Any] | None = None) -> Sta
     """
     if box is not None and not isinstance(box, Mapping):
         raise InputError("box", f"found {short_repr(box)}", "give time, position, velocity")
-    given, count = dict(box or {}), simulator.model.DEGREES_OF_FREEDOM
-    if others := sorted(given.keys() - {"time", "position", "velocity"}):
-        raise InputError("box", f"the key {others[0]!r}", "give time, position, velocity")
-    time = check_pairs("box.time", given.get("time", (0.0, simulator.period)), 1)[0]
-    positions = given.get("position")
+    count, fastest = simulator.model.DEGREES_OF_FREEDOM, simulator.fastest
+    given = check_box(box or {}, "box", count)
     two = count == 1 and len({*simulator.sides}) == 2
-    if positions is None and not two:
+    if "position" not in given and not two:
         accepted = f"give box.position, {count} pairs of numbers"
         raise InputError("box.position", "no two walls that bound all positions", accepted)
-    fastest = simulator.fastest
-    velocities = given.get("velocity", [(-fastest, fastest)] * count)
-    return StartBox(
-        time,
-        None if positions is None else check_pairs("box.position", positions, count),
-        check_pairs("box.velocity", velocities, count),
-    )
+    (time,) = given.get("time", ((0.0, simulator.period),))
+    velocities = given.get("velocity", ((-fastest, fastest),) * count)
+    return StartBox(time, given.get("position"), velocities)
 
 
 @dataclass(frozen=True)

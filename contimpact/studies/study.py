@@ -88,7 +88,8 @@ def main_orbits(study: Study, orbit: str) -> dict[int, Main]:
 
 def ends(study: Study, orbit: str) -> Values:
     """Which bifurcation ends the main stable orbit as the parameter falls."""
-    labels = _labels(study, orbit)
+    query = "SELECT scene, event, label FROM events WHERE study = ? AND notation = ?"
+    labels = {(s, event): label for s, event, label in study.rows(query, [study.number, orbit])}
     return {
         scene: labels.get((scene, main.end), main.end or "status changes")
         for scene, main in main_orbits(study, orbit).items()
@@ -120,11 +121,9 @@ def distance(study: Study, orbit: str) -> Values:
     One of them ends its stability, the other, a ghost, is the nearest along the branch; positive
     where the doubling comes first as the parameter falls.
     """
-    mains, found = main_orbits(study, orbit), {}
-    for scene, events in _events(study, orbit):
-        main = mains.get(scene)
-        own = [e for e in events if main is not None and e[0] == main.branch]
-        ending = next((e for e in own if main and e[1] == main.end and e[2] in PAIR), None)
+    found = {}
+    for scene, main, own in _main_events(study, orbit):
+        ending = next((e for e in own if e[1] == main.end and e[2] in PAIR), None)
         others = [e for e in own if ending and e[2] in PAIR and e[2] != ending[2]]
         if ending is None or not others:
             continue
@@ -164,11 +163,9 @@ def bound(study: Study, orbit: str) -> Values:
     The ghost is the grazing of the main stable orbit that is nearest to its end along the branch.
     Of a sweep with falling values it is the first that has the orbit or a multiple of its period.
     """
-    mains, ghosts = main_orbits(study, orbit), dict[int, list[Any]]()
-    for scene, events in _events(study, orbit):
-        main = mains.get(scene)
-        own = [e for e in events if main is not None and e[0] == main.branch]
-        end = next((e[4] for e in own if main and e[1] == main.end), math.nan)
+    ghosts = dict[int, list[Any]]()
+    for scene, main, own in _main_events(study, orbit):
+        end = next((e[4] for e in own if e[1] == main.end), math.nan)
         grazings = [e for e in own if e[2] == PAIR[1] and math.isfinite(end)]
         nearest = min(grazings, key=lambda e: abs(e[4] - end), default=None)
         if nearest is not None and nearest[5] and nearest[6]:
@@ -278,21 +275,18 @@ def _value(study: Study) -> str:
     return "e.derived" if study.derived else "e.value"
 
 
-def _labels(study: Study, orbit: str) -> dict[tuple[int, Any], str]:
-    query = "SELECT scene, event, label FROM events WHERE study = ? AND notation = ?"
-    return {(scene, e): label for scene, e, label in study.rows(query, [study.number, orbit])}
-
-
-def _events(study: Study, orbit: str) -> Iterator[tuple[int, list[Any]]]:
-    """The events of an orbit, scene by scene: branch, name, kind, value, arclength, whether it is a
-    ghost, and the word and the period of the orbit at the other side."""
+def _main_events(study: Study, orbit: str) -> Iterator[tuple[int, Main, list[Any]]]:
+    """The main stable orbit of each scene, and the events on its branch: branch, name, kind, value,
+    arclength, whether it is a ghost, and the word and the period of the orbit at the other side."""
+    mains = main_orbits(study, orbit)
     rows = study.rows(
         f"SELECT scene, branch, event, kind, {_value(study)}, arclength, ghost, becomes, period"
         " FROM events e WHERE study = ? AND notation = ? ORDER BY scene",
         [study.number, orbit],
     )
-    for scene, own in itertools.groupby(rows, key=lambda row: row[0]):
-        yield int(scene), [row[1:] for row in own]
+    for scene, events in itertools.groupby(rows, key=lambda row: row[0]):
+        if (main := mains.get(scene)) is not None:
+            yield int(scene), main, [row[1:] for row in events if row[1] == main.branch]
 
 
 def shortfall(study: Study) -> str:

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from contimpact.diagrams.areas import CHORD, outlines
+from contimpact.diagrams.areas import CHORD, Tracer
 from contimpact.diagrams.arrangement import Path, slabs
 from contimpact.results.curve import Area
 
@@ -33,7 +33,7 @@ def divided(paths, content):
     """The areas whose cells have the same `content` in their middles."""
     cut = slabs(paths)
     contents = [[content(*slab.middle(j, 0.5)) for j in slab.cells] for slab in cut]
-    return cut, outlines(cut, contents), contents
+    return cut, Tracer(cut, contents).outlines(), contents
 
 
 def holding(found, x, y):

@@ -6,6 +6,7 @@ import pytest
 import contimpact as ci
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.starting_orbits import (
+    MotionEnd,
     Settled,
     _settle_orbit,
     settled_orbits,
@@ -216,4 +217,4 @@ def test_no_attractor_of_random_scenes_is_lost():
 def test_a_word_of_two_orbits_is_named_once():
     """As of an orbit and its mirror image."""
     orbit, *_ = search.find_orbits(ImpactPair(beta=0.5, r=0.3, A=5.0, s=0.39), "1:1")
-    assert Settled([orbit, orbit], 3, 0, 1, 0, 0, False).words() == ["BT", "0"]
+    assert Settled([orbit, orbit], 3, {MotionEnd.FLOWN: 1}, False).words() == ["BT", "0"]

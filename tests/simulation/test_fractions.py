@@ -139,7 +139,7 @@ def test_boxes_are_stated_in_physical_terms():
 
 def test_refusals():
     for box, said in [
-        ({"phase": [0, 1]}, "the key 'phase'"),
+        ({"phase": [0, 1]}, "unknown key 'phase'"),
         ({"position": [0.2, 0.1]}, r"box\.position"),
         ({"velocity": "fast"}, r"box\.velocity"),
     ]:
