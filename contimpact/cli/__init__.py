@@ -39,16 +39,12 @@ def raise_on_termination() -> Iterator[None]:
     main = threading.current_thread() is threading.main_thread()
     asked = [n for n in ENDING if signal.getsignal(n) is signal.SIG_DFL] if main else []
     for number in asked:
-        signal.signal(number, _interrupt)
+        signal.signal(number, signal.default_int_handler)
     try:
         yield
     finally:
         for number in asked:
             signal.signal(number, signal.SIG_DFL)
-
-
-def _interrupt(*signalled: Any) -> NoReturn:
-    raise KeyboardInterrupt
 
 
 def say(text: str, stream: TextIO | None = None) -> None:
@@ -190,7 +186,7 @@ def parser() -> argparse.ArgumentParser:
     argument(run, "--no-plot", "leave the diagram out")
     argument(run, "--html", "also write the page diagram.html")
 
-    simulate = add("simulate", "simulate.command", "simulate a scene's attractors")
+    simulate = add("simulate", "run.simulate", "simulate a scene's attractors")
     argument(simulate, "scene SCENE", "a scene file (TOML) with [simulate]")
     argument(simulate, "-o --output DIR", "folder to write to", required=True)
     argument(simulate, "-q --quiet", "print nothing but errors")
