@@ -17,6 +17,7 @@ from ..errors import InputError, NotWrittenError
 from ..progress import Progress, telling
 from ..results.branch import Branch
 from ..results.catalogue import diagram_files
+from ..results.curve import fixed_text, regions
 from ..results.diagram import INTERRUPTED, Diagram
 from ..results.diagram_reading import read
 from ..results.result_folder import ROWS, TABLES, Files, hold_folder, renew_folder
@@ -240,14 +241,11 @@ def _summary(scene: Scene, diagram: Diagram, ghosts: bool) -> None:
     if not ghosts and any(entry.ghost for entry in diagram.entries):
         say("ghosts are events of orbits that are not observable there; --ghosts lists them, too")
     for curve in (*diagram.curves, *diagram.codim2_curves):
-        say("".join(f"{n} = {v:.6g}  " for n, v in curve.fixed.items()) + repr(curve))
+        say(fixed_text(curve.fixed) + repr(curve))
     if diagram.curves and not diagram.areas:
-        from ..results.curve import regions
-
         for region in regions(diagram.curves, checks=diagram.checks):
-            fixed = "".join(f"{n} = {v:.6g}  " for n, v in region.fixed.items())
             say(
-                f"first as {region.along} falls: {fixed}{region.notation}"
+                f"first as {region.along} falls: {fixed_text(region.fixed)}{region.notation}"
                 + (f" ({region.branch})" if region.branch else "")
                 + f": {region.first} for "
                 f"{region.second} from {region.low:.9g} to {region.high:.9g}"

@@ -28,7 +28,7 @@ from ..orbits.orbit import Orbit
 from ..orbits.quiet import problem_of
 from ..progress import Progress
 from ..results.branch import Branch, Entry
-from ..results.curve import Area, Curve, Doubt, Ring, StableOrbit, text_of_orbits
+from ..results.curve import Area, Curve, Doubt, Ring, StableOrbit, fixed_text, text_of_orbits
 from ..results.diagram import Diagram
 from ..results.diagram_reading import read, stable_intervals
 from ..results.scene import Scene
@@ -527,7 +527,7 @@ class Divider:
     @property
     def notes(self) -> list[str]:
         """What the curves do not explain, in words."""
-        fixed = "".join(f"{name} = {value:.6g}, " for name, value in self.fixed.items())
+        fixed = fixed_text(self.fixed, ", ")
         across, along = self.frame.across, self.frame.along
         found: dict[str, list[Doubt]] = defaultdict(list)
         for doubt in itertools.chain.from_iterable(self.off.values()):

@@ -576,7 +576,9 @@ def _crisis(
             if not _has_widened(orbit, attractor, simulator, after):
                 reached = f"motion beyond passes the orbit, at {beyond:.9g}, to where it was before"
                 return NoCrisis(f"{touches}, no attractor changes: {reached}")
-            type_ = "merging" if _parts_two(orbit) else "interior"
+            one, other = _sides(Simulator(orbit.model, kernels), orbit, PATIENT)
+            two = one.kind is other.kind is Kind.COMPLEX and not same_attractor(one, other)
+            type_ = "merging" if two else "interior"  # an attractor on either side, or one
             break
         end = simulator.run(after.state, impacts=RETURNING, record=False).end
         made += RETURNING
@@ -629,15 +631,6 @@ def _lasts(orbit: Orbit, attractor: Attractor, impacts: int, keeping: bool) -> b
         if end is None or (keeping and len(sides_of(entries_of(run, orbit))) > 1):
             return False
     return settle(simulator, end).kind is Kind.COMPLEX
-
-
-def _parts_two(orbit: Orbit) -> bool:
-    """Whether an orbit's unstable manifold leads to one complex attractor on one side, and to
-    another one on the other."""
-    simulator = Simulator(orbit.model, orbit.problem.kernels)
-    one, other = _sides(simulator, orbit, PATIENT)
-    both = one.kind is other.kind is Kind.COMPLEX
-    return both and not same_attractor(one, other)
 
 
 def passes_and_returns(orbit: Orbit, after: Attractor, value: float) -> bool:

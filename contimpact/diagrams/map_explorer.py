@@ -37,6 +37,7 @@ from ..results.curve import (
     Curve,
     Region,
     falling_column,
+    fixed_text,
     regions,
 )
 from ..results.diagram import ENDING, Diagram, Limits, entry_of, failure_of
@@ -648,15 +649,15 @@ class _CurveExplorer:
                     break
             else:
                 self.notes.append(
-                    f"{_fixed_text(fixed)}{word}: after {MOST_ROUNDS} rounds of one-parameter runs "
-                    "some ranges are not checked: give more values in curves.start"
+                    f"{fixed_text(fixed, ', ')}{word}: after {MOST_ROUNDS} rounds of one-parameter "
+                    "runs some ranges are not checked: give more values in curves.start"
                 )
             self.note_uncovered(word, fixed)
 
     def check_at(self, value: float, word: Word, model: Model, fixed: Mapping[str, float]) -> None:
         """One run: start curves where none passes, and keep what it says comes first."""
         scene, second = self.scene, self.options.parameter
-        self.progress(f"{_fixed_text(fixed)}{word}: run at {second} = {value:.6g}")
+        self.progress(f"{fixed_text(fixed, ', ')}{word}: run at {second} = {value:.6g}")
         there = model.replace(**{second: value})
         low, high = scene.range
         spaced = np.geomspace if low > 0.0 else np.linspace
@@ -719,7 +720,7 @@ class _CurveExplorer:
             covered = any(region.low <= check.value <= region.high for region in own)
             if check.first is not None and not covered and _concerns(check, word, fixed):
                 self.notes.append(
-                    f"{_fixed_text(fixed)}{check.notation}: {check.first} comes first at "
+                    f"{fixed_text(fixed, ', ')}{check.notation}: {check.first} comes first at "
                     f"{check.second} = {check.value:.6g}, on no curve that was followed"
                 )
 
@@ -741,10 +742,6 @@ class _CurveExplorer:
 def _concerns(check: Check, word: Word, fixed: Mapping[str, float]) -> bool:
     """Whether a run is one of a word, for a member of the family."""
     return (check.word, check.period, dict(check.fixed)) == (word.walls, word.period, dict(fixed))
-
-
-def _fixed_text(fixed: Mapping[str, float]) -> str:
-    return "".join(f"{name} = {value:.6g}, " for name, value in fixed.items())
 
 
 def add_map(scene: Scene, diagram: Diagram, progress: Progress | None = None) -> Diagram:

@@ -97,7 +97,9 @@ class Ranges(NotebookResult):
         """Return in words what is observed at a value, and how far each attractor's end is; what
         may be missing is in `notes`."""
         here = self.at(value)
-        lines = [f"{self.parameter} = {value:.9g}: {_count(here)}"]
+        count = len(here.observed)
+        told = {0: "no attractor is known", 1: "one attractor"}.get(count, f"{count} attractors")
+        lines = [f"{self.parameter} = {value:.9g}: {told}"]
         for one in here.observed:
             distance, end = one.motion.nearest(value)
             way = "below" if end.value < value else "above"
@@ -169,11 +171,6 @@ def _on(motion: Motion) -> str:
 def _percent(parts: tuple[float, float]) -> str:
     low, high = (f"{100.0 * part:.3g}" for part in parts)
     return f"{low} %" if low == high else f"{low} to {high} %"
-
-
-def _count(r: Range) -> str:
-    number = len(r.observed)
-    return {0: "no attractor is known", 1: "one attractor"}.get(number, f"{number} attractors")
 
 
 def ranges_text(found: Ranges) -> str:
@@ -415,18 +412,15 @@ def _split(
             rest.append(row)
             continue
         speed = float(np.max(np.abs(row.attractor.velocities), initial=0.0))
+        at = row.value
         near = [
-            (_beyond(m, row.value), abs(m.speed(row.value, row.value) - speed), k)
+            (max(m.low.value - at, at - m.high.value, 0.0), abs(m.speed(at, at) - speed), k)
             for k, m in enumerate(motions)
             if m.branch == branch
         ]
         if near:  # of stretches of a branch at the same values, that with its speed
             counts[min(near)[2]] += 1
     return rest, counts
-
-
-def _beyond(motion: Motion, value: float) -> float:
-    return max(motion.low.value - value, value - motion.high.value, 0.0)
 
 
 def _simulated(

@@ -102,13 +102,19 @@ class Area:
 
     def __str__(self) -> str:
         held = text_of_orbits(self.orbits)
-        fixed = "".join(f"{name} = {value:.6g}  " for name, value in self.fixed.items())
-        told = f"{self.id}  {fixed}{held}: {100.0 * self.part:.3g} % of the rectangle"
+        told = (
+            f"{self.id}  {fixed_text(self.fixed)}{held}: {100.0 * self.part:.3g} % of the rectangle"
+        )
         if self.doubtful:
             places = [f"{d.across:.6g}, {d.along:.6g}: {d.says}" for d in self.doubtful]
             told += f"; a run says otherwise at ({self.across}, {self.along}) = {places[0]}"
             told += f" and {len(places) - 1} more" if len(places) > 1 else ""
         return told
+
+
+def fixed_text(fixed: Mapping[str, float], after: str = "  ") -> str:
+    """Return a member of a family in words, with something after each value."""
+    return "".join(f"{name} = {value:.6g}{after}" for name, value in fixed.items())
 
 
 def text_of_orbits(orbits: Sequence[StableOrbit]) -> str:
@@ -287,7 +293,7 @@ class Coverage:
     @property
     def place(self) -> str:
         """The member of the family, in words."""
-        return "".join(f"{name} = {value:.6g}  " for name, value in self.fixed.items())
+        return fixed_text(self.fixed)
 
     def __str__(self) -> str:
         lines = " and ".join(f"{len(v)} lines at values of {n}" for n, v in self.lines.items())
@@ -455,14 +461,10 @@ def regions(
         words = dict.fromkeys((curve.word, curve.period) for curve in panel)
         for word in words:
             own = [c for c in panel if (c.word, c.period) == word]
-            found += _regions(own, column, [c for c in checks if _is_run_of(c, own[0], word)])
+            about = dict(own[0].fixed), own[0].parameters[1], word
+            runs = [c for c in checks if (dict(c.fixed), c.second, (c.word, c.period)) == about]
+            found += _regions(own, column, runs)
     return [_compare_region(region, checks) for region in found]
-
-
-def _is_run_of(check: Check, curve: Curve, word: tuple[str, int]) -> bool:
-    """Whether a run is one of a word, for the member and the second parameter of a curve."""
-    about = dict(check.fixed), check.second, (check.word, check.period)
-    return about == (dict(curve.fixed), curve.parameters[1], word)
 
 
 def lanes(found: Sequence[Region]) -> list[int]:

@@ -251,17 +251,12 @@ class Diagram(NotebookResult):
         return f"Diagram {self.name}: {counts}{curves}"
 
     def __repr__(self) -> str:
-        curves = [_curve_line(c) for c in self._all_curves]
-        rows = [_branch_line(b) for b in self.branches] + curves
-        return limit_lines(self._head(), rows)
-
-
-def _branch_line(branch: Branch) -> str:
-    values = branch[branch.parameter]
-    return (
-        f"  {branch.id:4} {branch.notation:9} {branch.parameter} from {values.min():.6g} to "
-        f"{values.max():.6g}: {_list_events(branch)}"
-    )
+        rows = [
+            f"  {b.id:4} {b.notation:9} {b.parameter} from {b[b.parameter].min():.6g} to "
+            f"{b[b.parameter].max():.6g}: {_list_events(b)}"
+            for b in self.branches
+        ]
+        return limit_lines(self._head(), rows + [_curve_line(c) for c in self._all_curves])
 
 
 def _list_events(branch: Branch) -> str:
@@ -530,7 +525,11 @@ def tabulate(
         columns["reason"][row] = entry.reason or ""
         columns["event"][row] = entry.id
         if entry.impact in points[0].evaluation.problem.excursions and entry.flight is None:
-            _set_multipliers(columns, row, entry)
+            # of the orbit without the excursion that vanishes: with it they have no digits there
+            for k, pair in enumerate(entry.multipliers, start=1):
+                real, imaginary = pair or (np.inf, 0.0)
+                columns[f"multiplier{k}_re"][row] = real
+                columns[f"multiplier{k}_im"][row] = imaginary
     order = np.argsort(columns["arclength"], kind="stable")
     for name in columns:  # one after the other: a long branch is not held twice
         columns[name] = columns[name][order]
@@ -540,12 +539,6 @@ def tabulate(
         for name in ("n_unstable", "physical", "reason"):
             columns[name][place] = columns[name][beside]
     return columns
-
-
-def _set_multipliers(columns: dict[str, Array], row: int, entry: Entry) -> None:
-    """Those of the orbit without the excursion that vanishes: with it they have no digits there."""
-    for k, pair in enumerate(entry.multipliers, start=1):
-        columns[f"multiplier{k}_re"][row], columns[f"multiplier{k}_im"][row] = pair or (np.inf, 0.0)
 
 
 def _columns(points: Points) -> dict[str, Array]:

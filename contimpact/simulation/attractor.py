@@ -34,6 +34,17 @@ class Kind(enum.Enum):
     RUNAWAY = "runaway"
 
 
+IMPACT_COLUMNS: Mapping[str, Any] = {
+    "walls": np.int8,
+    "times": float,
+    "velocities": float,
+    "released": bool,
+    "others": float,
+    "held": np.int64,
+}
+"""Kinds of the columns of impacts that attractors and cycles have."""
+
+
 @dataclass(frozen=True, eq=False)
 class Attractor(ParameterItems, NotebookResult):
     """What was found at one set of parameter values."""
@@ -192,8 +203,7 @@ class Attractor(ParameterItems, NotebookResult):
         record = {f.name: getattr(self, f.name) for f in fields(self) if f.compare}
         record |= {"kind": self.kind.name, "parameters": dict(self.parameters)}
         record["state"] = asdict(self.state) if self.state else None
-        for name in ("walls", "times", "velocities", "released", "others", "held"):
-            record[name] = getattr(self, name).tolist()
+        record |= {name: getattr(self, name).tolist() for name in IMPACT_COLUMNS}
         if not self.held.size:
             del record["others"], record["held"]
         if self.multipliers is not None:
@@ -204,11 +214,8 @@ class Attractor(ParameterItems, NotebookResult):
     def from_record(record: Mapping[str, Any]) -> Attractor:
         """Return the attractor a record was made of."""
         given = dict(record)
-        kinds: dict[str, Any] = {"walls": np.int8, "times": float, "velocities": float}
-        kinds |= {"released": bool, "others": float, "held": np.int64}
-        for name, kind in kinds.items():
-            if name in given:
-                given[name] = np.array(given[name], dtype=kind)
+        for name in IMPACT_COLUMNS.keys() & record.keys():
+            given[name] = np.array(given[name], dtype=IMPACT_COLUMNS[name])
         if given["multipliers"] is not None:
             given["multipliers"] = tuple(complex(*mu) for mu in given["multipliers"])
         return build_record(Attractor, given)
@@ -599,13 +606,13 @@ def distances_between(
     return first, second
 
 
-def spacing(attractor: Attractor, points: int = POINTS) -> float:
+def spacing(attractor: Attractor) -> float:
     """The mean distance of the same impacts of an attractor from the nearest others of them."""
     from scipy.spatial import cKDTree
 
     if len(attractor.times) < 2:
         return 0.0
-    cloud = _cloud(attractor, float(np.max(np.abs(attractor.velocities))) or 1.0, points)
+    cloud = _cloud(attractor, float(np.max(np.abs(attractor.velocities))) or 1.0, POINTS)
     return float(np.mean(cKDTree(cloud).query(cloud, k=2)[0][:, 1]))
 
 

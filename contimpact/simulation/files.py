@@ -53,7 +53,7 @@ from ..storage import (
     write_text,
 )
 from .attractor import Attractor, Kind
-from .run import RUN_COLUMNS, WIDER, Outcome, Run, State
+from .run import RUN_COLUMNS, WIDER, Run
 from .sweep import WRITTEN, Row, Sweep, table_of
 
 if TYPE_CHECKING:
@@ -506,22 +506,18 @@ def _run_record(run: Run) -> dict[str, Any]:
 
 def _run(record: Mapping[str, Any]) -> Run:
     """A run; its columns have a row each for the same impacts."""
-    columns: dict[str, Any] = {
-        name: np.array(record[name], dtype=kind) for name, kind in RUN_COLUMNS.items()
-    }
-    if not columns["others"].size:
-        columns["others"] = columns["others"].reshape(len(record["others"]), 0)
-    own = [column for name, column in columns.items() if column.size or name not in WIDER]
-    if len({len(column) for column in own}) != 1 or np.any(columns["walls"] < 0):
+    given = dict(record)
+    for name, kind in RUN_COLUMNS.items():
+        given[name] = np.array(given[name], dtype=kind)
+    if not given["others"].size:
+        given["others"] = given["others"].reshape(len(record["others"]), 0)
+    own = {len(given[name]) for name in RUN_COLUMNS if given[name].size or name not in WIDER}
+    run = build_record(Run, given)
+    if len(own) != 1 or np.any(run.walls < 0):
         raise ValueError("impacts that are no table")
-    letters = tuple(fit_value(record["letters"], Sequence[str], "letters"))
-    if np.any(columns["walls"] >= len(letters)):
+    if np.any(run.walls >= len(run.letters)):
         raise ValueError("a wall without a name")
-    end, left = (
-        None if record[n] is None else build_record(State, record[n]) for n in ("end", "left")
-    )
-    period = fit_value(record["period"], float, "period")
-    return Run(letters, period, outcome=Outcome[record["outcome"]], end=end, left=left, **columns)
+    return run
 
 
 def _result(record: Mapping[str, Any], model: Model | None) -> Any:

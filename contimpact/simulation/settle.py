@@ -80,7 +80,11 @@ class RoundedDerivative(NamedTuple):
 
 def contraction(simulator: Simulator, rows: Sequence[State]) -> Contraction:
     """Return the determinant of the derivative of the map along impacts, no wall of them held."""
-    each = [_flight_contraction(simulator, *pair) for pair in itertools.pairwise(rows)]
+    each = [
+        (_has_law(simulator, before.wall) and _law_contraction(simulator, before, after))
+        or _block_contraction(simulator, before, after)
+        for before, after in itertools.pairwise(rows)
+    ]
     if any(found.sign == 0.0 for found in each):
         return Contraction(0.0, -math.inf)
     return Contraction(
@@ -99,11 +103,6 @@ def derivative_product(simulator: Simulator, rows: Sequence[State]) -> RoundedDe
         errors += m * UNIT * (size @ np.abs(product))
         product = step @ product
     return RoundedDerivative(product, errors)
-
-
-def _flight_contraction(simulator: Simulator, before: State, after: State) -> Contraction:
-    found = _law_contraction(simulator, before, after) if _has_law(simulator, before.wall) else None
-    return found or _block_contraction(simulator, before, after)
 
 
 def _has_law(simulator: Simulator, wall: int) -> bool:
@@ -215,22 +214,23 @@ class Exponents:
         return self.per_impact[0] * self.impacts / self.periods if self.periods > 0 else math.nan
 
 
-def exponents_of(
-    simulator: Simulator, state: State, run: Run, batches: int = 20, rng: Any = 0
-) -> Exponents:
+BATCHES = 20
+"""Parts of a run from whose means the error of its exponents comes."""
+
+
+def exponents_of(simulator: Simulator, state: State, run: Run) -> Exponents:
     """Return the Lyapunov exponents of a run from a state on the attractor.
 
-    The error comes from the means of `batches` parts of the run; `rng` gives the first disturbance.
     Benettin et al., Meccanica 15 (1980), with the QR factors of 2x2 matrices written out.
     """
     periods = (_time(simulator, run.end) - _time(simulator, state)) / simulator.period
     count = len(run)
     if run.held.size:
-        return _exponents_by_qr(simulator, state, run, batches, rng, periods)
+        return _exponents_by_qr(simulator, state, run, periods)
     if not count or run.released.any() or state.velocity == 0.0:
         lost = -math.inf if count else math.nan
         return Exponents((lost, lost), 0.0, math.nan, count, periods, run.end)
-    angle = float(np.random.default_rng(rng).uniform(0.0, math.pi))
+    angle = float(np.random.default_rng(0).uniform(0.0, math.pi))
     x, y = math.cos(angle), math.sin(angle)
     first, second, before = [], [], state
     columns = (run.walls, run.phases, run.velocities, run.turns)
@@ -251,17 +251,13 @@ def exponents_of(
         before = after
     count = len(first)
     pair = (_mean(first), _mean(second))
-    return Exponents(
-        pair, _scatter(first, batches), _restitution(simulator, run), count, periods, run.end
-    )
+    return Exponents(pair, _scatter(first), _restitution(simulator, run), count, periods, run.end)
 
 
-def _exponents_by_qr(
-    simulator: Simulator, state: State, run: Run, batches: int, rng: Any, periods: float
-) -> Exponents:
+def _exponents_by_qr(simulator: Simulator, state: State, run: Run, periods: float) -> Exponents:
     """By the QR factors of the derivatives, in (time, v times velocity, the other coordinates)."""
     m = simulator.model.unknowns_per_impact
-    q = np.linalg.qr(np.random.default_rng(rng).normal(size=(m, m)))[0]
+    q = np.linalg.qr(np.random.default_rng(0).normal(size=(m, m)))[0]
     logs, before, scale = [], state, _scale(state, m)
     states = list(run.states())
     for after, step in zip(states, simulator.derivatives([state, *states]), strict=True):
@@ -278,7 +274,7 @@ def _exponents_by_qr(
     means = [_mean(column) for column in table.T.tolist()]
     known = sorted((mean for mean in means if not math.isnan(mean)), reverse=True)
     per_impact = (*known, *[math.nan] * (m - len(known)))
-    scatter = _scatter(table[:, 0].tolist(), batches)
+    scatter = _scatter(table[:, 0].tolist())
     restitution = _restitution(simulator, run)
     return Exponents(per_impact, scatter, restitution, len(table), periods, run.end)
 
@@ -324,13 +320,13 @@ def _time(simulator: Simulator, state: State | None) -> float:
     return math.nan if state is None else state.turns * simulator.period + state.phase
 
 
-def _scatter(values: list[float], batches: int) -> float:
+def _scatter(values: list[float]) -> float:
     """Standard error of the mean, from the means of consecutive batches."""
-    size = len(values) // batches
+    size = len(values) // BATCHES
     if size < 1:
         return math.inf
-    means = np.array(values[: size * batches]).reshape(batches, size).mean(axis=1)
-    return float(means.std(ddof=1) / math.sqrt(batches))
+    means = np.array(values[: size * BATCHES]).reshape(BATCHES, size).mean(axis=1)
+    return float(means.std(ddof=1) / math.sqrt(BATCHES))
 
 
 # Multipliers and exponents of cycles, and what rounding leaves of them.
