@@ -13,7 +13,7 @@ import numpy as np
 from ..arrays import ARRAYS, Array, Containers, Vector
 from ..bifurcations.extended_system import ManyOrbits, OneOrbit
 from ..continuation.branch import Block
-from ..continuation.step import HEAD, columns
+from ..continuation.step import HEAD, Observe, columns
 from ..models.guards import Row, orders_of
 from ..orbits.cyclic_chain import (
     AT_END,
@@ -186,13 +186,8 @@ class ChainBackend(OrbitBackend[ChainVectors]):
         def follow(orbit: ChainVectors, wall: int, z: Vector, at: int, length: float) -> int:
             return follow_law(law, orbit, wall, z, at, length)
 
-        def observe(
-            orbit: ChainVectors, z: Vector, tangent: Vector, sign: float, row: Vector, at: int
-        ) -> None:
-            observe_chain(measure_chain, follow, orbit, z, row, at)
-
         evaluate = plainly(evaluate_chain, self.problem, flight)
-        return evaluate, chain_step, tangent_of_chain, observe
+        return evaluate, chain_step, tangent_of_chain, _observing(measure_chain, follow)
 
     @property
     def dear(self) -> bool:
@@ -269,6 +264,17 @@ class ChainBackend(OrbitBackend[ChainVectors]):
             kernels.whole = False
 
 
+def _observing(measure: Callable[..., Any], follow: Callable[..., int]) -> Observe[ChainVectors]:
+    """What records a point, plainly."""
+
+    def observe(
+        orbit: ChainVectors, z: Vector, tangent: Vector, sign: float, row: Vector, at: int
+    ) -> None:
+        observe_chain(measure, follow, orbit, z, row, at)
+
+    return observe
+
+
 class SectionBackend(ChainBackend):
     """The same for orbits without impacts whose flight is integrated: from the section, which is
     a guard behind all others on no gap coordinate, back to it."""
@@ -328,13 +334,8 @@ class SectionBackend(ChainBackend):
         def follow(orbit: ChainVectors, wall: int, z: Vector, at: int, length: float) -> int:
             return -1
 
-        def observe(
-            orbit: ChainVectors, z: Vector, tangent: Vector, sign: float, row: Vector, at: int
-        ) -> None:
-            observe_chain(measure_section, follow, orbit, z, row, at)
-
         evaluate = plainly(evaluate_section, problem, flight, spans)
-        return evaluate, chain_step, tangent_of_chain, observe
+        return evaluate, chain_step, tangent_of_chain, _observing(measure_section, follow)
 
     @functools.cached_property
     def variant(self) -> str | None:

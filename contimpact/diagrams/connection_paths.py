@@ -55,6 +55,12 @@ Guess = tuple[str, int | None, Array, Word]
 """The walls of a path, the impact that grazes or None, the impacts, and the orbit it leaves."""
 
 
+def orbit_near(orbit: Orbit, value: float) -> Orbit | None:
+    """Return the orbit next to one at a value of its parameter, if there is one."""
+    here = solve_near(orbit.problem, np.append(orbit.unknowns[:-1], value))
+    return None if here is None else Orbit(orbit.problem, here)
+
+
 def connections_of(
     orbit: Orbit, guesses: Iterable[Guess], tried: set[tuple[str, int | None]], most: int = PATHS
 ) -> Iterator[Connected]:
@@ -355,10 +361,9 @@ def end_of(path: Connected, orbit: Orbit, place: int) -> Orbit | None:
     lap = path.problem.after if place else path.problem.before
     if lap.period != orbit.word.period or not is_rotation(lap.walls, orbit.word.walls):
         return None
-    here = solve_near(orbit.problem, np.append(orbit.unknowns[:-1], path.unknowns[-1]))
-    if here is None:
+    there, wall = orbit_near(orbit, float(path.unknowns[-1])), path.problem.walls[place]
+    if there is None:
         return None
-    there, wall = Orbit(orbit.problem, here), path.problem.walls[place]
     forcing = orbit.problem.period(orbit.unknowns)
     time, velocity = path.impacts[place]
     fastest = float(np.max(np.abs(there.velocities)))

@@ -21,7 +21,6 @@ from ..errors import InputError, explain_arguments, require_whole
 from ..models.guards import Word, is_rotation
 from ..models.model import Model
 from ..orbits.orbit import Orbit
-from ..orbits.search import solve_near
 from ..results.branch import Entry
 from ..results.options import SETTLING, Settling
 from ..segments.kernels import Kernels
@@ -40,6 +39,7 @@ from .connection_paths import (
     guesses_of,
     is_physical,
     manifold_runs,
+    orbit_near,
     passage_of,
     paths_beginning_with,
     returning_paths,
@@ -518,11 +518,9 @@ def escape_from(orbit: Orbit, attractor: Attractor, number: int) -> tuple[int, R
 def _nearer(orbit: Orbit, attractor: Attractor, value: float) -> tuple[Orbit, Attractor] | None:
     """The orbit and the attractor nearer to a crisis; None if the attractor is not seen there."""
     for part in NEARER:
-        near = value + part * (orbit.value - value)
-        here = solve_near(orbit.problem, np.append(orbit.unknowns[:-1], near))
-        if here is None:
+        there = orbit_near(orbit, value + part * (orbit.value - value))
+        if there is None:
             continue
-        there = Orbit(orbit.problem, here)
         simulator = Simulator(there.model, orbit.problem.kernels)
         found: Attractor | None = settle(simulator, attractor.state, PATIENT)
         if found is not None and found.kind is not Kind.COMPLEX:
@@ -560,8 +558,7 @@ def _crisis(
 ) -> Crisis | NoCrisis:
     """Describe a crisis: the orbit there, and what the motion settles on beyond."""
     value = float(path.unknowns[-1])
-    here = solve_near(orbit.problem, np.append(orbit.unknowns[:-1], value))
-    there = Orbit(orbit.problem, here) if here is not None else orbit
+    there = orbit_near(orbit, value) or orbit
     model = orbit.model.replace(**{orbit.parameter: beyond})
     kernels = orbit.problem.kernels
     simulator = Simulator(model, kernels)
@@ -636,10 +633,9 @@ def _lasts(orbit: Orbit, attractor: Attractor, impacts: int, keeping: bool) -> b
 def passes_and_returns(orbit: Orbit, after: Attractor, value: float) -> bool:
     """Whether complex motion at a value comes near to an orbit on both sides of its stable
     manifold, and is complex still."""
-    here = solve_near(orbit.problem, np.append(orbit.unknowns[:-1], value))
-    if here is None or after.state is None:
+    there = orbit_near(orbit, value)
+    if there is None or after.state is None:
         return False
-    there = Orbit(orbit.problem, here)
     simulator = Simulator(there.model, orbit.problem.kernels)
     run = simulator.run(after.state, impacts=RETURNING)
     if run.end is None or len(sides_of(entries_of(run, there))) < 2:

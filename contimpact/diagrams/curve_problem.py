@@ -13,6 +13,7 @@ import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -34,8 +35,6 @@ from ..bifurcations.scalar_systems import (
     BLOCK,
     ON_CURVE,
     SystemVectors,
-    evaluate_singular,
-    evaluate_touching,
     newton_step,
     size_on_curve,
     solve_bordered,
@@ -48,9 +47,9 @@ from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.status import Verdict
 from ..results.branch import Entry, details_of, orbit_of
 from ..segments.compiling import CompiledProgram, load, mode, timed_plainly
-from ..segments.kernel import Setup
 from ..segments.kernels import Kernels
 from ..segments.machine_code import Program
+from .orbit_backend import plainly
 from .orbit_walks import SwitchingBackend
 
 # An extended system with further free parameters, as a problem the continuer follows.
@@ -639,22 +638,15 @@ class CurveBackend(Backend):
     def evaluate(self) -> Callable[[SystemVectors, Vector], float]:
         """The plain evaluation."""
         kernels = self.problem.orbit.kernels
-        flight, singular = kernels.flights, self.variant == "singular"
+        flights = kernels.flights, *[kernels.seconds] * (self.variant == "singular")
+        function, _ = FUNCTIONS[self.variant]
 
-        def setup(values: Vector) -> Setup:
-            return kernels.setup(*values)
+        def evaluate(*given: Any) -> float:
+            *_, curve, z = given
+            return size_on_curve(curve, z, function(*given))
 
-        def evaluate(curve: SystemVectors, z: Vector) -> float:
-            try:
-                if singular:
-                    size = evaluate_singular(flight, kernels.seconds, setup, curve, z)
-                else:
-                    size = evaluate_touching(flight, setup, curve, z)
-                return size_on_curve(curve, z, size)
-            except (ArithmeticError, ValueError):
-                return math.nan
-
-        return evaluate
+        plain: Any = plainly(evaluate, self.problem.orbit, *flights)
+        return plain
 
     @functools.cached_property
     def compiled(self) -> CompiledProgram | None:

@@ -115,9 +115,7 @@ def _walk(scene: Scene, problem: OrbitProblem, start: Array, limits: Range) -> R
 
 def _orbit_beside(problem: OrbitProblem, unknowns: Array, scene: Scene, limits: Range) -> Array:
     """An orbit one step further on the branch through another one, if that step can be made."""
-    jacobian = problem.evaluate(unknowns).jacobian
-    scale = problem.scale(unknowns, limits[1] - limits[0])
-    tangent = first_tangent(problem, jacobian, scale)
+    _, tangent = _tangent_at(problem, unknowns, limits)
     if tangent is None:
         return unknowns
     start = Start(problem, unknowns, tangent, branching=False, both_ways=True)
@@ -126,6 +124,14 @@ def _orbit_beside(problem: OrbitProblem, unknowns: Array, scene: Scene, limits: 
         if len(walk.points) > 1 and limits[0] < walk.points[-1].parameter < limits[1]:
             return walk.points[-1].unknowns
     return unknowns
+
+
+def _tangent_at(
+    problem: OrbitProblem, unknowns: Array, limits: Range
+) -> tuple[Array, Array | None]:
+    """Natural sizes at an orbit, and the direction of its branch if there is one."""
+    scale = problem.scale(unknowns, limits[1] - limits[0])
+    return scale, first_tangent(problem, problem.evaluate(unknowns).jacobian, scale)
 
 
 def tests_of(scene: Scene, problem: OrbitProblem) -> list[TestFunction]:
@@ -462,8 +468,7 @@ def run_on_line(scene: Scene, problem: OrbitProblem, unknowns: Array, limits: Ra
 def _nearby_orbit(problem: OrbitProblem, guess: Array, limits: Range) -> Array | None:
     """The orbit of the branch next to a guess, at a fold too; None if there is none."""
     try:
-        scale = problem.scale(guess, limits[1] - limits[0])
-        tangent = first_tangent(problem, problem.evaluate(guess).jacobian, scale)
+        scale, tangent = _tangent_at(problem, guess, limits)
         if tangent is None:
             return None
         here = correct(problem, guess, tangent / scale**2, scale, Settings()).evaluation

@@ -321,25 +321,26 @@ def symmetric(
     problem: OrbitProblem, unknowns: Array, symmetry: Symmetry | None, tolerance: float
 ) -> bool:
     """Whether an orbit is its own mirror image."""
-    if symmetry is None or not problem.word.walls:
-        return False
-    image = rotate_to_word(*mirror_orbit(problem, unknowns, symmetry), problem.word)
-    if image is None:
-        return False
-    return problem.apart(image, unknowns) < tolerance
+    image = _mirror_image(problem, unknowns, symmetry)
+    return image is not None and problem.apart(image, unknowns) < tolerance
 
 
 def mirrors_back(
     problem: OrbitProblem, unknowns: Array, tangent: Array, symmetry: Symmetry | None
 ) -> bool:
     """Whether the mirror image of a branch leaves its start as the branch itself, backwards."""
-    if symmetry is None or not problem.word.walls:
-        return False
     along = 1e-4 * tangent / np.max(np.abs(tangent / problem.natural_units(unknowns)))
-    image = rotate_to_word(*mirror_orbit(problem, unknowns + along, symmetry), problem.word)
-    if image is None:
-        return False
-    return problem.apart(image, unknowns - along) < 1e-8
+    image = _mirror_image(problem, unknowns + along, symmetry)
+    return image is not None and problem.apart(image, unknowns - along) < 1e-8
+
+
+def _mirror_image(
+    problem: OrbitProblem, unknowns: Array, symmetry: Symmetry | None
+) -> Array | None:
+    """The mirror image of an orbit as one of its word; None if it is none of it."""
+    if symmetry is None or not problem.word.walls:
+        return None
+    return rotate_to_word(*mirror_orbit(problem, unknowns, symmetry), problem.word)
 
 
 def symmetric_end(problem: OrbitProblem, known: Known | None = None) -> Policy | None:

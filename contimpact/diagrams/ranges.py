@@ -39,7 +39,7 @@ from ..results.diagram import Diagram
 from ..results.diagram_reading import Interval
 from ..schema import build_record, fit_value
 from ..segments.kernels import Kernels
-from ..simulation.attractor import Attractor, Kind
+from ..simulation.attractor import Kind
 from ..simulation.files import COVERAGE, TRANSITIONS, sweep_of
 from ..simulation.sweep import Coverage, Row, Sweep, begins_with, cover, orbits_on
 from ..storage import check_reading, csv_text, is_there, read_json
@@ -411,8 +411,7 @@ def _split(
         if branch is None:
             rest.append(row)
             continue
-        speed = float(np.max(np.abs(row.attractor.velocities), initial=0.0))
-        at = row.value
+        speed, at = row.attractor.fastest, row.value
         near = [
             (max(m.low.value - at, at - m.high.value, 0.0), abs(m.speed(at, at) - speed), k)
             for k, m in enumerate(motions)
@@ -460,16 +459,12 @@ def _simulated(
             _edge(grid, k, way, brackets, [] if free else ends[way], met, late(names, k, way))
             for k, way in ((run[0], -1), (run[-1], +1))
         )
-        speeds = [(row.value, _fastest(row.attractor)) for row in settled]
-        speeds = [pair for pair in speeds if math.isfinite(pair[1])]
-        values, largest = zip(*speeds, strict=True) if speeds else ((), ())
+        hitting = [row for row in settled if row.attractor.velocities.size]
+        values = [row.value for row in hitting]
+        largest = [row.attractor.fastest for row in hitting]
         found.append(Motion(shorten_names(names), None, low, high, len(rows), values, largest))
     note = f"{lost} simulated motions on no branch had not settled; give [simulate] more periods"
     return found, [note] * (lost > 0)
-
-
-def _fastest(attractor: Attractor) -> float:
-    return float(np.max(np.abs(attractor.velocities), initial=-math.inf))
 
 
 def _ends(diagram: Diagram, motions: Sequence[Motion]) -> dict[int, list[Bound]]:

@@ -272,13 +272,9 @@ def others_at(result: Simulation, row: Row, simulator: Simulator) -> dict[str, A
                 label = f"{plain_text(branch.notation)}, {state}"
                 other = _attractor_of(branch, orbit, simulator)
                 known = found.get(label)
-                if known is None or _fastest(other) > _fastest(known):
+                if known is None or other.fastest > known.fastest:
                     found[label] = other
     return found
-
-
-def _fastest(attractor: Attractor) -> float:
-    return float(np.max(np.abs(attractor.velocities)))
 
 
 def _attractor_of(branch: Branch, orbit: Orbit, simulator: Simulator) -> Attractor:

@@ -108,6 +108,11 @@ class Attractor(ParameterItems, NotebookResult):
     """Its system at these values; None if it was read from a file."""
 
     @property
+    def fastest(self) -> float:
+        """The largest speed before an impact; zero without any."""
+        return float(np.max(np.abs(self.velocities), initial=0.0))
+
+    @property
     def stable(self) -> bool:
         """Whether it is a periodic motion all of whose multipliers are within the unit circle."""
         return self.multipliers is not None and max(map(abs, self.multipliers)) < 1.0
@@ -600,7 +605,7 @@ def distances_between(
 
     if not len(one.times) or not len(other.times):
         return (OTHER, OTHER) if len(one.times) or len(other.times) else (0.0, 0.0)
-    fastest = max(float(np.max(np.abs(a.velocities))) for a in (one, other)) or 1.0
+    fastest = max(one.fastest, other.fastest) or 1.0
     clouds = [_cloud(a, fastest, points) for a in (one, other)]
     first, second = (float(of(cKDTree(clouds[1 - k]).query(clouds[k])[0])) for k in (0, 1))
     return first, second
@@ -612,7 +617,7 @@ def spacing(attractor: Attractor) -> float:
 
     if len(attractor.times) < 2:
         return 0.0
-    cloud = _cloud(attractor, float(np.max(np.abs(attractor.velocities))) or 1.0, POINTS)
+    cloud = _cloud(attractor, attractor.fastest or 1.0, POINTS)
     return float(np.mean(cKDTree(cloud).query(cloud, k=2)[0][:, 1]))
 
 

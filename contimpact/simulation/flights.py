@@ -438,18 +438,13 @@ class LinearWindow:
 
     def section(self, guard: Guard, dt: float, speed: float) -> tuple[float, ...]:
         """Return the section coordinates at a guard, from the gap coordinate's velocity there."""
-        return section_of(self.motion, self.motion.resting(self.track.at(dt)), guard, speed)
+        size, state = self.motion.shape.freedom, self.motion.resting(self.track.at(dt))
+        others = [i for i in range(size) if i != pivot(guard.row(size))]
+        return (speed, *(float(state[j]) for i in others for j in (i, size + i)))
 
     def release(self) -> tuple[float, Contact] | None:
         """Return when a contact is released in it, and which."""
         return self.motion.release(self.track, self.state)
-
-
-def section_of(motion: LinearMotion, state: Array, guard: Guard, speed: float) -> tuple[float, ...]:
-    """Return the section coordinates of a state at a guard."""
-    size = motion.shape.freedom
-    others = [i for i in range(size) if i != pivot(guard.row(size))]
-    return (speed, *(float(state[j]) for i in others for j in (i, size + i)))
 
 
 def linear_windows(

@@ -253,15 +253,8 @@ def join_parts(parts: Sequence[Sequence[Any]], width: int | None = None) -> dict
 
 def columns_of(rows: Sequence[State]) -> list[Any]:
     """Return the columns of rows that are states, as `join_parts` takes them."""
-    return [
-        [state.wall for state in rows],
-        [state.turns for state in rows],
-        [state.phase for state in rows],
-        [state.velocity for state in rows],
-        [state.released for state in rows],
-        [state.others for state in rows],
-        [state.held for state in rows],
-    ]
+    names = ("wall", "turns", "phase", "velocity", "released", "others", "held")
+    return [[getattr(state, name) for state in rows] for name in names]
 
 
 # Arrivals at a switching surface: where the motion slides, and where it goes through.

@@ -547,7 +547,8 @@ def basins(
         accepted = "give numbers of velocities and phases, such as (40, 40)"
         raise InputError("shape", f"found {short_repr(shape)}", accepted)
     side = simulator.sides[simulator.letters.index(letter)]
-    largest = fastest or _fastest(simulator, known)
+    known_largest = max((a.fastest for a in known), default=0.0)
+    largest = fastest or 2.0 * known_largest or simulator.fastest
     m, n = shape
     velocities = side * largest * (np.arange(m) + 0.5) / m
     phases = simulator.period * (np.arange(n) + 0.5) / n
@@ -588,11 +589,6 @@ def _other_coordinates(
     ]
     none = (0.0,) * (simulator.model.unknowns_per_impact - 2)
     return max(impacts, default=(0.0, none))[1]
-
-
-def _fastest(simulator: Simulator, known: Sequence[Attractor]) -> float:
-    speeds = [float(np.max(np.abs(a.velocities), initial=0.0)) for a in known]
-    return 2.0 * max(speeds, default=0.0) or simulator.fastest
 
 
 def parts_of(count: int) -> Iterator[slice]:

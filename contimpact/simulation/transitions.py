@@ -315,7 +315,7 @@ def _kind(before: Row, after: Row, earlier: Row | None) -> tuple[str | None, str
     one, other = before.attractor, after.attractor
     if one.kind is Kind.COMPLEX:
         slowest = min(abs(one.velocities))
-        grazes = other.period is not None and slowest < CLOSE * _size(one)
+        grazes = other.period is not None and slowest < CLOSE * one.fastest
         seen = f"complex motion with impacts as slow as {slowest:.2g}"
         return ("TG" if grazes else None), seen
     if one.kind is not Kind.PERIODIC:
@@ -381,7 +381,8 @@ def _critical(before: Row, after: Row, earlier: Row | None) -> Critical | None:
 
 def _quantities(attractor: Attractor) -> dict[tuple[str, str], float]:
     """Quantities that vanish where an attractor ends, by the kind and what they are."""
-    multiplier, size = _multiplier(attractor), _size(attractor)
+    multiplier = _multiplier(attractor)
+    size = attractor.fastest if attractor.velocities.size else 1.0
     gap = attractor.smallest_gap / size
     return {
         ("PD", "1 + mu"): abs(1.0 + multiplier),
@@ -403,10 +404,6 @@ def _multiplier(attractor: Attractor) -> float:
     if attractor.multipliers is None or complex(attractor.multipliers[0]).imag:
         return 0.0
     return complex(attractor.multipliers[0]).real
-
-
-def _size(attractor: Attractor) -> float:
-    return float(max(abs(attractor.velocities), default=1.0))
 
 
 def _side(row: Row) -> Side:
