@@ -140,14 +140,13 @@ def _is_known(shown: Map) -> np.ndarray:
 
 
 def _write_map(shown: Map, study: Study, folder: Path, options: argparse.Namespace) -> None:
-    from ..plots.lines import units_of
-    from ..plots.maps import file_stem, save_map
-
-    stem = file_stem(shown)
     rows = zip(shown.x.tolist(), shown.y.tolist(), shown.values.tolist(), strict=True)
-    write_text(folder / f"{stem}.csv", csv_text([*shown.axes, shown.quantity], rows))
+    write_text(folder / f"{shown.stem}.csv", csv_text([*shown.axes, shown.quantity], rows))
     formats = tuple(options.format or FORMATS[:1])
     if not options.no_plot:
+        from ..plots.lines import units_of
+        from ..plots.maps import save_map
+
         save_map(shown, folder, formats, units_of(study.given["model"]["system"]))
     if not options.quiet:
         say(f"{shown.study}: {shown.text}: {_describe(shown)}")

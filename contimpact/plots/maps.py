@@ -54,14 +54,7 @@ def save_map(
     ax = plot_map(shown, units=units)
     text = f": {plain_text(shown.text, 80)}" if shown.named else ""  # else at the colour bar
     write_heading(ax.figure, plain_text(shown.study) + text)
-    stem = file_stem(shown)
-    return save_figure(ax.figure, Path(folder), stem, formats, stem)
-
-
-def file_stem(shown: Map) -> str:
-    """Return what the files of a map are called."""
-    text = f"{shown.study}-{shown.quantity}"
-    return "".join(c if c.isalnum() or c in "-_." else "_" for c in text)
+    return save_figure(ax.figure, Path(folder), shown.stem, formats, shown.stem)
 
 
 def _draw_names(ax: Any, shown: Map) -> list[Any]:
@@ -105,13 +98,10 @@ def _draw_numbers(ax: Any, shown: Map) -> list[Any]:
 
 def _draw(ax: Any, shown: Map, numbers: Any, options: Mapping[str, Any]) -> Any:
     """Cells of a grid; points where there is none."""
-    grid = shown.grid()
+    grid = shown.grid(numbers)
     if grid is None:
         return ax.scatter(shown.x, shown.y, c=numbers, s=12, **options)
-    xs, ys, _ = grid
-    table = np.full((len(ys), len(xs)), np.nan)
-    table[np.searchsorted(ys, shown.y), np.searchsorted(xs, shown.x)] = numbers
-    return ax.pcolormesh(xs, ys, table, shading="nearest", rasterized=True, **options)
+    return ax.pcolormesh(*grid, shading="nearest", rasterized=True, **options)
 
 
 def _draw_curves(ax: Any, shown: Map) -> list[Any]:

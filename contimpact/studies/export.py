@@ -17,7 +17,7 @@ from typing import Any
 
 from ..errors import InputError, NotWrittenError, require_known, require_whole
 from ..storage import csv_text, json_line, reason, temporary_beside
-from .study import ROWS, Selection, Study, studies
+from .study import ROWS, Selection, Study, file_stem, studies
 
 FORMATS = ("csv", "csv.gz", "json", "parquet")
 BLOCK = 10_000
@@ -55,7 +55,6 @@ def export(
         for column in columns:
             require_known(column, known, "columns")
     for name in names:
-        stem = "".join(c if c.isalnum() or c in "-_." else "_" for c in name)
         with Study(store, name) as study:
             for table in tables or ROWS:
                 chosen = study.select(table)
@@ -63,7 +62,7 @@ def export(
                 shown = {c: t for c, t in types.items() if columns is None or c in columns}
                 if not tables and not (shown and len(chosen)):
                     continue
-                target = Path(folder) / f"{stem}-{table}.{kind}"
+                target = Path(folder) / f"{file_stem(name)}-{table}.{kind}"
                 with _replacing(target, list(written)) as temporary:
                     written[target.name] = write(
                         temporary, shown, _rows(chosen, list(shown), digits)

@@ -698,6 +698,11 @@ def _array(values: list[Any], kind: str) -> Array:
     return np.array(values, dtype=object)
 
 
+def file_stem(text: str) -> str:
+    """Return what a file about a study is called, without its ending."""
+    return "".join(c if c.isalnum() or c in "-_." else "_" for c in text)
+
+
 # Maps of a study: a quantity over two of its axes, with curves of codimension two over it.
 
 NEAR = 1e-9
@@ -726,14 +731,21 @@ class Map:
     """Points of codimension two that studies of the same store have found, by kind, shape (n,
     2)."""
 
-    def grid(self) -> tuple[Array, Array, Array] | None:
-        """Return the values on x and y as a table with a row for each y; None if the points are no
-        grid, of which a part may be missing."""
+    @property
+    def stem(self) -> str:
+        """What its files are called, without their endings."""
+        return file_stem(f"{self.study}-{self.quantity}")
+
+    def grid(self, values: Array | None = None) -> tuple[Array, Array, Array] | None:
+        """Return the values (or numbers that stand for them) on x and y as a table with a row for
+        each y; None if the points are no grid, of which a part may be missing."""
+        values = self.values if values is None else values
         xs, ys = np.unique(self.x), np.unique(self.y)
         if len(xs) * len(ys) > SPARSE * len(self.x):
             return None
-        table = np.full((len(ys), len(xs)), None if self.named else np.nan, self.values.dtype)
-        table[np.searchsorted(ys, self.y), np.searchsorted(xs, self.x)] = self.values
+        empty = None if values.dtype == object else np.nan
+        table = np.full((len(ys), len(xs)), empty, values.dtype)
+        table[np.searchsorted(ys, self.y), np.searchsorted(xs, self.x)] = values
         return xs, ys, table
 
     def zeros(self) -> Array:
