@@ -91,9 +91,15 @@ TINT, DARKEST = 0.28, 0.84
 """Share of a curve's colour in the area of the orbits that end at it, and the shade than which none
 is darker."""
 THROUGHOUT = "0.93"
-CROSSED = "xxxx"
 HATCHED = "0.55"
 """Colour of hatches."""
+CROSSED: dict[str, Any] = {
+    "facecolor": "none",
+    "edgecolor": HATCHED,
+    "hatch": "xxxx",
+    "linewidth": 0.0,
+}
+"""What is drawn over an area where several orbits are stable."""
 
 Colours = Callable[[StableOrbit], str]
 
@@ -107,8 +113,7 @@ def draw_areas(ax: Any, areas: Sequence[Area], colours: Colours) -> None:
         sharp = {"linewidth": 0.0, "antialiased": False}  # no seams between areas
         ax.add_patch(PathPatch(path, zorder=0.5, **sharp, **look))
         if area.bistable:
-            crossed = {"facecolor": "none", "edgecolor": HATCHED, "hatch": CROSSED}
-            ax.add_patch(PathPatch(path, linewidth=0.0, zorder=0.6, **crossed))
+            ax.add_patch(PathPatch(path, zorder=0.6, **CROSSED))
 
 
 def area_legend(areas: Sequence[Area], colours: Colours) -> list[Patch]:
@@ -117,8 +122,7 @@ def area_legend(areas: Sequence[Area], colours: Colours) -> list[Patch]:
     keys = {_text_of_area(area.orbits[0], several): area.orbits[0] for area in areas}
     found = [Patch(label=text, **_region_style(orbit, colours)) for text, orbit in keys.items()]
     if any(area.bistable for area in areas):
-        look: dict[str, Any] = {"facecolor": "none", "edgecolor": HATCHED, "hatch": CROSSED}
-        found.append(Patch(label="several stable orbits", linewidth=0.0, **look))
+        found.append(Patch(label="several stable orbits", **CROSSED))
     return found
 
 
@@ -568,26 +572,32 @@ def save_codim2(
 
 MARKS = ("o", "s", "^", "D", "v", "P")
 RISING = "#CC79A7"
-FROM = {
-    "complex": ("k", "from complex motion (as TG)"),
-    "multiplied": ("0.65", "from period 2T, 3T, ... (as PD$_\\mathrm{G}$)"),
-    "single": ("white", "from period T"),
+MET: dict[str, Any] = {"color": "k", "linestyle": "none", "markersize": 5}
+LEFT: dict[str, Any] = {"color": RISING, "linestyle": "none", "markersize": 3.4}
+FROM: Mapping[str, tuple[dict[str, Any], str]] = {
+    "complex": (MET | {"markerfacecolor": "k"}, "from complex motion (as TG)"),
+    "multiplied": (
+        MET | {"markerfacecolor": "0.65"},
+        "from period 2T, 3T, ... (as PD$_\\mathrm{G}$)",
+    ),
+    "single": (MET | {"markerfacecolor": "white"}, "from period T"),
+    "left": (LEFT | {"markerfacecolor": "none", "markeredgewidth": 1.2}, "left as {along} rises"),
 }
-"""Origin of an orbit: the filling of its marker, and the words for it."""
+"""What was there before an orbit, or that it is left: the look of its marker, and the words for
+it."""
 
 
 @dataclass(frozen=True)
 class SweepLimits:
     """Where a sweep first meets an orbit, or leaves it: values of the parameter that is drawn.
 
-    `source` is one of `FROM`, what was there before; None where a sweep with rising values leaves
-    the orbit.
+    `source` is one of `FROM`.
     """
 
     notation: str
     before: float
     after: float
-    source: str | None
+    source: str
 
 
 @explain_arguments
@@ -654,9 +664,8 @@ def plot_transitions(
     ]
     for place, met in found:
         marker = MARKS[list(to).index(met.notation) % len(MARKS)]
-        ends, colour = [met.before, met.after], "k" if met.source else RISING
-        ax.plot([place] * 2, ends, color=colour, linewidth=0.8, zorder=6)
-        look = _look_of_transition(met.source)
+        ends, look = [met.before, met.after], FROM[met.source][0]
+        ax.plot([place] * 2, ends, color=look["color"], linewidth=0.8, zorder=6)
         ax.plot(place, 0.5 * sum(ends), marker=marker, zorder=7, **look)
     ax.set_xlim(*limits[0])
     values = [value for _, met in found for value in (met.before, met.after)]
@@ -673,20 +682,13 @@ def _changes(rows: Sequence[Row], name: str, along: str) -> list[SweepLimits]:
     steps = range(1, len(rows))
     if values and values[-1] > values[0]:
         left = [k for k in steps if here[k - 1] and not here[k]][-1:]
-        return [SweepLimits(name, values[k - 1], values[k], None) for k in left]
+        return [SweepLimits(name, values[k - 1], values[k], "left") for k in left]
     for k in (k for k in steps if here[k] and not here[k - 1]):
         before = rows[k - 1].attractor
         source = "multiplied" if (before.period or 1) > 1 else "single"
         source = source if before.kind is Kind.PERIODIC else "complex"
         return [SweepLimits(name, values[k - 1], values[k], source)]
     return []
-
-
-def _look_of_transition(source: str | None) -> dict[str, Any]:
-    if source is None:
-        size = {"markersize": 3.4, "markeredgewidth": 1.2}
-        return {"color": RISING, "markerfacecolor": "none", "linestyle": "none", **size}
-    return {"color": "k", "markerfacecolor": FROM[source][0], "linestyle": "none", "markersize": 5}
 
 
 def _legend_of_transitions(
@@ -697,18 +699,15 @@ def _legend_of_transitions(
         legend_mark(
             marker=MARKS[k % len(MARKS)],
             label=f"to {plain_text(name)} as {symbol(along)} falls",
-            **_look_of_transition("single"),
+            **FROM["single"][0],
         )
         for k, name in enumerate(to)
     ]
     handles += [
-        legend_mark(marker="o", label=FROM[source][1], **_look_of_transition(source))
-        for source in FROM
+        legend_mark(marker="o", label=text.replace("{along}", symbol(along)), **look)
+        for source, (look, text) in FROM.items()
         if any(met.source == source for met in found)
     ]
-    if any(met.source is None for met in found):
-        told = f"left as {symbol(along)} rises"
-        handles.append(legend_mark(marker="o", label=told, **_look_of_transition(None)))
     inside: dict[str, Any] = {"loc": "upper right", "fontsize": 7.0, "framealpha": 0.85}
     ax.legend(handles=handles, **inside)
 
