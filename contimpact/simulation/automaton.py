@@ -45,7 +45,7 @@ from .flights import (
     until_repeated,
     windows,
 )
-from .linear_flights import Law, LinearRuns
+from .linear_flights import runs_of
 from .run import (
     BESIDE,
     CALM,
@@ -617,32 +617,8 @@ class Automaton:
         """What makes flights on which no wall is held, if all are linear, or integrated."""
         if self._through.pairs:
             return None
-        if not any(self.linear):
-            from .integrated_flights import IntegratedRuns, has_compiled_flights
-
-            if not has_compiled_flights(self.kernels):
-                return None
-            none = [-1.0] * len(self.guards)  # no impact is too slow
-            about = self.values, self.positions, self.restitution, none, self.period, self.longest
-            return IntegratedRuns(self.kernels, *about)
-        if not all(self.linear):
-            return None
-        walls = range(len(self.guards))
-        kernels = [self.kernels.law(guard.name) for guard in self.guards]
-        size = 2 * self.size + len(self.values)
-        if any(kernel.__code__.co_argcount != size for kernel in kernels):
-            return None
-        motions = [self.flying(k, 0) for k in walls]
-        laws = [
-            Law(guard.next_mode, motion.shape, tuple(motion.numbers))
-            for guard, motion in zip(self.guards, motions, strict=True)
-        ]
-        fixed = self.values, self.positions, self.restitution
-        setting = Setting(self.kernels, *fixed, laws, self.period, self.longest)
-        try:
-            return LinearRuns(setting, kernels)
-        except OverflowError:
-            return None
+        fixed = self.kernels, self.values, self.positions, self.restitution
+        return runs_of(Setting(*fixed, self.period, self.longest))
 
     def start(
         self, time: float, position: Sequence[float], velocity: Sequence[float], mode: str

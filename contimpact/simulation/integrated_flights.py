@@ -54,11 +54,10 @@ if TYPE_CHECKING:
     from ..segments.machine_code import Program
 
 
-FIELDS = {**FLIGHTS, "slow": VECTOR, "begins": INTEGERS, "freedom": INTEGERS, "weights": VECTOR}
-"""A field stands in place of a law. Besides: of each wall the velocity of impacts up to which a
-flight is left to plain Python, and whether the flight after it begins on the surface of each other
-one (w w,); of each field its coordinates, the others being at zero (l,), and the factors of its
-coordinates in each row (l q d,)."""
+FIELDS = {**FLIGHTS, "begins": INTEGERS, "freedom": INTEGERS, "weights": VECTOR}
+"""A field stands in place of a law. Besides: of each wall whether the flight after it begins on the
+surface of each other one (w w,); of each field its coordinates, the others being at zero (l,), and
+the factors of its coordinates in each row (l q d,)."""
 ROOM = {
     **{name: TABLE if name in ("own", "steps") else VECTOR for name in FollowedFlight._fields},
     "numbers": VECTOR,
@@ -147,8 +146,6 @@ def fly_integrated(
     law, numbers, section = flights.law[wall], flights.numbers, section_place(flights)
     velocity, fastest = space[section], space[section + 2 * d - 1]
     n, weights = flights.freedom[law], flights.weights[law * rows * d :]
-    if abs(velocity) <= flights.slow[wall]:
-        return LEFT, wall, 0.0
     begin(wall, phase, space[section:], flights.values, numbers)
     way = FollowedFlight(
         flights.own,
@@ -248,31 +245,21 @@ def _padded(rows: Sequence[tuple[float, ...]], n: int) -> list[float]:
 
 
 class IntegratedRuns(Runs):
-    """Compiled runs of a system of which `has_compiled_flights`, at a forcing's period; a flight is
-    given up after `longest` of them."""
+    """Compiled runs of a system of which `has_compiled_flights`; its laws are those fields."""
 
     fields, dear = "".join(FIELDS.values()), True
 
-    def __init__(
-        self,
-        kernels: Kernels,
-        values: Sequence[float],
-        positions: Sequence[float],
-        restitution: Sequence[float],
-        slow: Sequence[float],
-        period: float,
-        longest: int,
-    ) -> None:
+    def __init__(self, given: Setting) -> None:
+        kernels = given.kernels
         guards, d = kernels.model.WALLS, kernels.model.DEGREES_OF_FREEDOM
         own = [kernels.field(guard.name) for guard in guards]
         laws = [(guard.next_mode, field_of(k)) for guard, k in zip(guards, own, strict=True)]
-        given = Setting(kernels, values, positions, restitution, laws, period, longest)
+        given = given._replace(laws=laws)
         common, rows = given.vectors(2 * d), given.all_rows
         law, fields = common["law"], [field for _, field in dict.fromkeys(given.laws)]
         sizes = [statement(field).freedom for field in fields]
         self.flights = IntegratedFlights(
             **common,
-            slow=list(slow),
             freedom=sizes,
             weights=[c for n in sizes for c in _padded(rows, n)],
             begins=[

@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..arrays import INTEGERS, VECTOR, Array, Vector
+from ..models.guards import orders_of
 from ..segments.flight import hit_between
 from ..segments.linear_flow import Shape, generator_of, mean_of, scales_of
 from ..segments.segment import Kernel
@@ -56,6 +57,7 @@ from .run import (
 )
 
 if TYPE_CHECKING:
+    from ..segments.kernels import Kernels
     from ..segments.machine_code import Program
 
 TERMS = 18
@@ -437,16 +439,37 @@ def flights_of(given: Setting) -> AnyFlights:
     )
 
 
-class LinearRuns(Runs):
-    """Runs of a system whose flights are all linear, plainly or compiled.
+def laws_of(kernels: Kernels, values: Sequence[float]) -> list[Law] | None:
+    """Return the law of the flight after each guard, which may be in closed form; None if one
+    follows no law."""
+    model, found = kernels.model, []
+    size = model.DEGREES_OF_FREEDOM
+    for guard in model.WALLS:
+        whole = orders_of(model.MODES, guard.next_mode, size) == (2,) * size
+        if not whole or kernels.integrated(guard.name):
+            return None
+        law = kernels.law(guard.name)
+        if law.__code__.co_argcount != 2 * size + len(values):
+            return None
+        given = law(0.0, *[1.0] * (2 * size - 1), *values)
+        if len(given) == 1:
+            return None
+        shape = Shape(int(given[0]), int(given[1]), 0)
+        found.append(Law(guard.next_mode, shape, tuple(map(float, given[2]))))
+    return found
 
-    The kernels are the law after each guard. Raises OverflowError as `flights_of`.
+
+class LinearRuns(Runs):
+    """Runs of a system whose flights all follow `laws_of`, plainly or compiled.
+
+    Raises OverflowError as `flights_of`.
     """
 
     fields = "".join(FIELDS.values())
 
-    def __init__(self, given: Setting, kernels: Sequence[Kernel]) -> None:
+    def __init__(self, given: Setting) -> None:
         self.flights = flights_of(given)
+        kernels = [given.kernels.law(guard.name) for guard in given.kernels.model.WALLS]
         self.size = 2 * self.flights.sizes[0] - 1
         width = self.flights.sizes[1]
         text = leaving_text(given.laws, len(given.values), 3 * width)
@@ -462,3 +485,17 @@ class LinearRuns(Runs):
         fly = functools.partial(fly_linear, self.leave)
         given: Any = ([0.0] * space_of(self.flights), at, when, *columns, span)
         return make_flights(fly, self.flights, *given)
+
+
+def runs_of(given: Setting) -> Runs | None:
+    """Return what makes the flights of a system on which no wall is held; None where some follow
+    laws and others are integrated, or none of both."""
+    laws = laws_of(given.kernels, given.values)
+    if laws is not None:
+        try:
+            return LinearRuns(given._replace(laws=laws))
+        except OverflowError:
+            return None
+    from .integrated_flights import IntegratedRuns, has_compiled_flights
+
+    return IntegratedRuns(given) if has_compiled_flights(given.kernels) else None

@@ -23,6 +23,7 @@ from ..segments.kernel import Family
 from ..segments.kernels import Kernels
 from ..segments.segment import ARRAYS, Kernel, evaluate_in, neighbouring_guards
 from .flights import FlightInState, first_hit, fly_in_time, motion_at, start_integrated
+from .linear_flights import runs_of
 from .run import (
     Body,
     Call,
@@ -31,6 +32,7 @@ from .run import (
     Outcome,
     OutsideError,
     Runs,
+    Setting,
     State,
     coefficient,
     formulas,
@@ -413,12 +415,9 @@ class OneCoordinate:
 
     @functools.cached_property
     def _runs(self) -> Runs | None:
-        """What makes flights that are integrated, but those from rest, if all are."""
+        """What makes flights whose acceleration depends on the state, but those from rest, where
+        all are integrated or follow laws."""
         if self.zeros is not None:
             return None
-        from .integrated_flights import IntegratedRuns, has_compiled_flights
-
-        if not has_compiled_flights(self.kernels):
-            return None
-        about = self.restitution, self.body.slow, self.period, self.longest
-        return IntegratedRuns(self.kernels, self.values, self.positions, *about)
+        fixed = self.kernels, self.values, self.positions, self.restitution
+        return runs_of(Setting(*fixed, self.period, self.longest, self.body.slow))

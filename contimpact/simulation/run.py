@@ -550,6 +550,7 @@ FLIGHTS: Mapping[str, str] = {
     "stays": INTEGERS,
     "entered": INTEGERS,
     "restitution": VECTOR,
+    "slow": VECTOR,
 }
 """Vectors that flights of all kinds have, and kinds of their numbers: parameter values (p,); the
 forcing period; as `sizes` coordinates d, the largest size of X, gap coordinates g, all rows (with
@@ -558,7 +559,8 @@ coordinates in each row (q d,), and the row of each coordinate (d,). `below` and
 the guards of each law's mode on each gap coordinate, -1 for none. Of each guard (w,) the others
 are the law after it, its gap coordinate, pivot, side and position; on the flight after it the side
 of the surface that is left, and whether it begins there, see `segments.segment`; `entered_guards`;
-and the restitution at low velocity, 1 where no impacts accumulate."""
+the restitution at low velocity, 1 where no impacts accumulate; and the velocity of impacts up to
+which a flight is left to plain Python."""
 
 
 def flights_class(name: str, fields: Mapping[str, str]) -> Any:
@@ -675,6 +677,9 @@ def make_flights(
         if not speed <= fastest:
             outcome = RUNAWAY
             break
+        if abs(space[at]) <= flights.slow[wall]:
+            outcome = LEFT
+            break
         outcome, wall, dt = fly(flights, wall, phase, space)
         if outcome != DONE:
             break
@@ -780,10 +785,13 @@ class Setting(NamedTuple):
     values: Sequence[float]
     positions: Sequence[float]
     restitution: Sequence[float]
-    laws: Sequence[Any]
-    """`positions`, `restitution`, `laws`: of each guard, and of the flight after it."""
     period: float
     longest: int
+    slow: Sequence[float] = ()
+    """`positions`, `restitution`, `slow`: of each guard; the last as of `FLIGHTS`, none given where
+    no impact is."""
+    laws: Sequence[Any] = ()
+    """Of the flight after each guard."""
 
     @property
     def rows(self) -> list[tuple[float, ...]]:
@@ -835,6 +843,7 @@ class Setting(NamedTuple):
             "stays": [int(passages.arrivals[k][k] != ELSEWHERE) for k in range(len(guards))],
             "entered": entered_guards(guards, passages),
             "restitution": list(self.restitution),
+            "slow": list(self.slow) or [-1.0] * len(guards),
         }
 
 

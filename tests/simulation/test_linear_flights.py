@@ -21,6 +21,9 @@ from contimpact.simulation.simulator import Simulator
 from contimpact.simulation.sweep import basins
 from contimpact.systems.coupled_by_impact import CoupledByImpact
 from contimpact.systems.impact_damper import ImpactDamper
+from contimpact.systems.oscillator import Oscillator
+from contimpact.systems.soft_pair import SoftPair
+from contimpact.systems.soft_stop import SoftStop
 from contimpact.systems.two_masses import TwoMasses
 
 needs_llvmlite = pytest.mark.skipif(
@@ -47,6 +50,15 @@ MODELS = {
     "hybrid, three modes": read_scene(random_scene(4)).model,
 }
 
+ONE_COORDINATE = {
+    "stop": Oscillator(a=1, omega=2.7, c=0.1, k=1, sigma=0.3, r=0.7),
+    "sticking at a stop": Oscillator(a=1, omega=0.4, c=0.1, k=1, sigma=0.2, r=0.4),
+    "stiff stop": Oscillator(a=3000, omega=1, c=100, k=1e4, sigma=0.3, r=0.8),
+    "soft stop": SoftStop(a=1, omega=0.8, c=0.1, k=1, e=0.1, k_b=20, c_b=0.3),
+    "soft pair": SoftPair(beta=0.5, r=0.3, A=5, s=0.39, k=500),
+}
+"""Their flights are in closed form, and follow laws as well."""
+
 
 @pytest.fixture(scope="module")
 def simulators():
@@ -54,7 +66,7 @@ def simulators():
 
     def simulator(name):
         if name not in found:
-            found[name] = Simulator(MODELS[name])
+            found[name] = Simulator((MODELS | ONE_COORDINATE)[name])
         return found[name]
 
     return simulator
@@ -93,6 +105,34 @@ def test_every_impact_is_that_of_the_automaton(simulators, name):
             assert automaton.next(rows[-1]) is run.outcome
         made += len(rows) - 1
     assert made > 100
+
+
+@pytest.mark.parametrize("name", ONE_COORDINATE)
+def test_every_impact_is_that_of_the_closed_form(simulators, name):
+    """Against flights found on the kernels' own functions of time; sticking is at another place."""
+    simulator = simulators(name)
+    assert isinstance(simulator.machine._runs, linear_flights.LinearRuns)
+    made = 0
+    for start in starts(simulator, 6):
+        run = simulator.run(start, impacts=8)
+        for before, after in pairwise([start, *run.states()]):
+            if before.released or after.released:
+                continue
+            wall, dt, speed = simulator.fly(before.wall, before.phase, before.velocity)
+            assert wall == after.wall
+            assert after.since(before, simulator.period) == pytest.approx(dt, rel=1e-11, abs=1e-14)
+            assert after.velocity == pytest.approx(
+                speed, rel=1e-10, abs=1e-12 * simulator.machine.fastest
+            )
+            made += 1
+    assert made > 20
+
+
+def test_a_motion_at_a_stop_sticks(simulators):
+    run = simulators("sticking at a stop").run(
+        starts(simulators("sticking at a stop"), 1)[0], impacts=200
+    )
+    assert np.count_nonzero(run.released) > 5
 
 
 def test_a_motion_sticks_as_the_automaton_has_it(simulators):
@@ -145,7 +185,7 @@ def test_no_arrival_on_a_piece_is_missed(seed):
 
 
 @needs_llvmlite
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", [*MODELS, *ONE_COORDINATE])
 @pytest.mark.full
 def test_compiled_runs_are_the_same_to_the_last_bit(simulators, plain_and_compiled, name):
     simulator = simulators(name)
@@ -184,7 +224,7 @@ def test_what_is_not_resolved_is_left_to_the_automaton(simulators, monkeypatch):
 
 
 @needs_llvmlite
-@pytest.mark.parametrize("name", ["complex", "hybrid, position", "sticking"])
+@pytest.mark.parametrize("name", ["complex", "hybrid, position", "sticking", "sticking at a stop"])
 @pytest.mark.quick(1)
 def test_many_runs_at_once_are_those_alone(simulators, plain_and_compiled, name):
     """In threads, some of them left to Python, and plainly."""
