@@ -42,7 +42,7 @@ FOR_ALL = {
 """What any package may import as well."""
 
 TRUSTED = {
-    "contimpact.__main__": {"exec"},
+    "contimpact.cli": {"exec"},
     "contimpact.segments.kernel": {"exec"},
     "contimpact.segments.kernels": {"exec"},
     "contimpact.segments.compiling": {"ctypes"},
