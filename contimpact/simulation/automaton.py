@@ -580,11 +580,18 @@ class Automaton:
                     break
                 seen, before = made, state
             if self._runs is not None and not (state.held or state.released):
-                parts.append(columns_of(rows))
-                given = (most - made, last), asked, record, fastest
-                state, why, count, columns = self._runs.make(state, *given)
-                parts.append(columns)
-                rows, made = [], made + count
+                if self._through.pairs:  # which of two guards is met is told after each flight
+                    given = (1, last), asked, False, fastest
+                    state, why, count, _ = self._runs.make(state, *given)
+                    state = self._through(state)
+                    rows += [state] * count if record else []
+                else:
+                    parts.append(columns_of(rows))
+                    given = (most - made, last), asked, record, fastest
+                    state, why, count, columns = self._runs.make(state, *given)
+                    parts.append(columns)
+                    rows = []
+                made += count
                 if why is not None:
                     outcome = why
                     if outcome is not Outcome.DONE:
@@ -605,7 +612,9 @@ class Automaton:
 
     def batch(self, asked: int) -> Call | None:
         """Return compiled code for many motions; None if there is none, or it does not pay."""
-        return self._runs.batch(asked) if self._runs is not None else None
+        if self._runs is None or self._through.pairs:
+            return None
+        return self._runs.batch(asked)
 
     @property
     def dear(self) -> bool:
@@ -615,8 +624,6 @@ class Automaton:
     @functools.cached_property
     def _runs(self) -> Runs | None:
         """What makes flights on which no wall is held, if all are linear, or integrated."""
-        if self._through.pairs:
-            return None
         fixed = self.kernels, self.values, self.positions, self.restitution
         return runs_of(Setting(*fixed, self.period, self.longest))
 

@@ -27,7 +27,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..arrays import INTEGERS, VECTOR, Array, Vector
-from ..models.guards import orders_of
 from ..segments.flight import hit_between
 from ..segments.linear_flow import Shape, generator_of, mean_of, scales_of
 from ..segments.segment import Kernel
@@ -440,13 +439,12 @@ def flights_of(given: Setting) -> AnyFlights:
 
 
 def laws_of(kernels: Kernels, values: Sequence[float]) -> list[Law] | None:
-    """Return the law of the flight after each guard, which may be in closed form; None if one
-    follows no law."""
+    """Return the law of the flight after each guard, which may be in closed form, or lead along a
+    surface; None if one follows no law."""
     model, found = kernels.model, []
     size = model.DEGREES_OF_FREEDOM
     for guard in model.WALLS:
-        whole = orders_of(model.MODES, guard.next_mode, size) == (2,) * size
-        if not whole or kernels.integrated(guard.name):
+        if kernels.integrated(guard.name):
             return None
         law = kernels.law(guard.name)
         if law.__code__.co_argcount != 2 * size + len(values):

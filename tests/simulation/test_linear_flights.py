@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import math
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from event_driven import random_scene
 from zoo import TWO_MASSES
 
 from contimpact.results.options import Settling
-from contimpact.results.scene import read_scene
+from contimpact.results.scene import load_scene, read_scene
 from contimpact.simulation import linear_flights
 from contimpact.simulation import run as run_loops
 from contimpact.simulation.run import Outcome
@@ -30,6 +31,7 @@ needs_llvmlite = pytest.mark.skipif(
     importlib.util.find_spec("llvmlite") is None, reason="the extra 'fast' is not installed"
 )
 
+BRANCHES = Path(__file__).parents[2] / "branches"
 COMPLEX = {"omega": 1.3, "sigma_1": 0.1, "sigma_2": 0.2, "r": 0.8}
 STICKING = {"omega": 0.6, "sigma_1": 0.1, "sigma_2": 0.3, "r": 0.5}
 
@@ -48,6 +50,7 @@ MODELS = {
     ),
     "hybrid, position": read_scene(random_scene(2)).model,
     "hybrid, three modes": read_scene(random_scene(4)).model,
+    "dry friction": load_scene(BRANCHES / "dry_friction" / "scene.toml").model,
 }
 
 ONE_COORDINATE = {
