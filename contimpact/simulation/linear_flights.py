@@ -440,7 +440,7 @@ def flights_of(given: Setting) -> AnyFlights:
 
 def laws_of(kernels: Kernels, values: Sequence[float]) -> list[Law] | None:
     """Return the law of the flight after each guard, which may be in closed form, or lead along a
-    surface; None if one follows no law."""
+    surface; None if one follows no law of all coordinates."""
     model, found = kernels.model, []
     size = model.DEGREES_OF_FREEDOM
     for guard in model.WALLS:
@@ -450,7 +450,7 @@ def laws_of(kernels: Kernels, values: Sequence[float]) -> list[Law] | None:
         if law.__code__.co_argcount != 2 * size + len(values):
             return None
         given = law(0.0, *[1.0] * (2 * size - 1), *values)
-        if len(given) == 1:
+        if len(given) == 1 or given[0] != size:
             return None
         shape = Shape(int(given[0]), int(given[1]), 0)
         found.append(Law(guard.next_mode, shape, tuple(map(float, given[2]))))
