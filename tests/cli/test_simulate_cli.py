@@ -168,6 +168,7 @@ def test_values_at_which_the_motion_did_not_settle_are_noted(scene_file, tmp_pat
     """Beside a doubling; what more time may tell is said in the manifest, too."""
     text = SCENE.replace("[0.33, 0.39]", "[0.3829, 0.3831]").replace("values = 7", "values = 2")
     text = text.replace('"both"', '"down"').replace("width", "transitions = false\nwidth")
+    text = text.replace("periods = 300", "periods = 60")
     assert run(scene_file(text), "-o", tmp_path / "out", "--no-plot") == 0
     (note,) = (line for line in capsys.readouterr().out.splitlines() if "settle," in line)
     assert note.startswith("down: 1 of 2 motions did not settle, the first at s = 0.3829;")
