@@ -323,7 +323,9 @@ class G(Kind):
         if self.sliding(event) == ADDING:
             return interrupted_sliding_start(longer, unknowns, event.details["flight"] + 1)
         start = null_vector_start(longer, unknowns)
-        return start if start is None or _new_speed(event, start) >= 0.0 else start.reversed()
+        if start is None:
+            return contacts_start(longer, unknowns, [touch[1:] for touch in touches_at(event)])
+        return start if _new_speed(event, start) >= 0.0 else start.reversed()
 
     def continues(self, event: OrbitEvent) -> bool:
         """A touch of a soft stop becomes a contact."""
@@ -478,15 +480,46 @@ def _insert_impacts(rows: Array, flight: int, added: Sequence[Array]) -> Array:
     return np.vstack([rows[:place], *added, rows[place:]])
 
 
+def contacts_start(
+    problem: OrbitProblem, unknowns: Array, touches: Sequence[tuple[str, float]]
+) -> Start | None:
+    """Return the start where several contacts begin at once, as a symmetry makes them.
+
+    At a soft stop the square of a contact's velocity goes with the parameter. Each touch adds a
+    direction to the Jacobian's kernel, along which the parameter rests; to second order the squares
+    of their velocities have a fixed ratio. None where these squares have different signs: no orbit
+    has all of the contacts.
+    """
+    here = problem.evaluate(unknowns)
+    count = len(touches)
+    left, right = here.singular_vectors(here.jacobian)
+    columns = [_speed_column(problem, unknowns, time) for _, time in touches]
+    speeds = right[-count:, columns]
+    if not np.linalg.cond(speeds) < 1e6:
+        return None
+    along = np.linalg.solve(speeds, right[-count:])
+    bent = [problem.second_along(unknowns, one) @ one for one in along]
+    squares = np.linalg.svd(left[1 - count :] @ np.transpose(bent))[2][-1]
+    if not (np.all(squares > 0.0) or np.all(squares < 0.0)):
+        return None
+    sides = [problem.model.guard(wall).side for wall, _ in touches]
+    tangent = sides * np.sqrt(np.abs(squares)) @ along
+    return Start(problem, unknowns, tangent, branching=True, both_ways=False)
+
+
 # Slopes.
 
 
 def _new_speed(event: OrbitEvent, start: Start) -> float:
     """The rate of the new impact's velocity towards its wall, along the new branch."""
-    problem = start.problem
-    rows = problem.impacts(start.unknowns)
-    impact = int(np.argmin(np.abs(rows[:, 0] - event.details["touch_time"])))
-    return _side(problem, event) * float(start.tangent[problem.m * impact + 1])
+    column = _speed_column(start.problem, start.unknowns, event.details["touch_time"])
+    return _side(start.problem, event) * float(start.tangent[column])
+
+
+def _speed_column(problem: OrbitProblem, unknowns: Array, time: float) -> int:
+    """The place among the unknowns of the velocity of the first impact at a time."""
+    impact = int(np.argmin(np.abs(problem.impacts(unknowns)[:, 0] - time)))
+    return problem.m * impact + 1
 
 
 def _sliding_criticality(event: OrbitEvent, start: Start) -> str | None:

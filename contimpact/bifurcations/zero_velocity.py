@@ -11,6 +11,8 @@ nothing is born, and ``flight`` in the details tells this event from a contact t
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..continuation.branch import Location, Problem, TestFunction
@@ -44,6 +46,7 @@ from .scalar_systems import ScalarForm
 from .sliding import (
     ADDING,
     INSTANT,
+    TOUCHING,
     guard_at,
     other_end_of,
     remove_impacts,
@@ -278,6 +281,7 @@ class V(Kind):
             )
         else:
             impacts = other_end_of(here, details["impact"])
+        here = _end_contacts(here)
         resting = {*impacts, *here.resting}
         return here.judge(forgive_touches=tolerated_touches(here), forgive_impacts=resting)
 
@@ -296,8 +300,42 @@ def _impact_at_rest(here: CurvePoint) -> tuple[int, str, float]:
 
 
 def _remove_impact(here: Linearisation, details: Details) -> tuple[OrbitProblem, Array] | None:
-    """As `remove_impacts`; None where a contact that lasts begins or ends at rest."""
-    return None if "flight" in details else remove_impacts(here, details["impact"])
+    """As `remove_impacts`, with all others that vanish at this value; None where a contact that
+    lasts begins or ends at rest."""
+    shorter = None if "flight" in details else remove_impacts(here, details["impact"])
+    while shorter is not None:
+        there = shorter[0].evaluate(shorter[1])
+        test = ZeroVelocity(there.problem)
+        others = [*_brief_contacts(there), *(k for k in there.resting if k in test.impacts)]
+        if not others:
+            break
+        shorter = remove_impacts(there, others[0])
+    return shorter
+
+
+def _brief_contacts(here: Linearisation) -> list[int]:
+    """The excursions that vanish at this value: their depths, which go with the square of their
+    durations, are those of touches.
+
+    Where several vanish at once, rounding of the parameter leaves its square root to their
+    durations.
+    """
+    problem, least = here.problem, math.sqrt(TOUCHING) * here.span
+    ends = {k: problem.times_around(here.unknowns, k) for k in problem.excursions}
+    return [k for k, (begin, end) in ends.items() if abs(end - begin) < least]
+
+
+def _end_contacts(here: Linearisation) -> Linearisation:
+    """The orbit with these excursions at one instant, and at rest there."""
+    problem, unknowns = here.problem, here.unknowns.copy()
+    flights = _brief_contacts(here)
+    for flight in flights:
+        begin, end = problem.times_around(unknowns, flight)
+        first, last = vanishing_impacts(problem, flight)
+        later = first if last == 0 else last  # the first time of all may be a period
+        unknowns[problem.m * later] += (end - begin) * (1.0 if last == 0 else -1.0)
+        unknowns[[problem.m * first + 1, problem.m * last + 1]] = 0.0
+    return Linearisation(problem, unknowns) if flights else here
 
 
 def _set_zero_velocity(here: Linearisation, impact: int) -> Linearisation:
