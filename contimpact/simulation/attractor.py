@@ -444,6 +444,8 @@ def cycle_near(
     """
     if _rests(run):
         return sticking_cycle(simulator, run)
+    if not len(run):
+        return None  # the motion has left all guards
     table, last = _table(run), len(run) - 1
     early = np.arange(max(0, last - longest), last)
     apart = states_apart(table[early] - table[last], _sizes(run))

@@ -279,3 +279,30 @@ def test_a_simulation_of_several_coordinates_continues_after_them(tmp_path):
     again = simulate(scene, tmp_path, resume=True)
     assert [row.attractor.notation for row in rows] == ["no impact"] * 3
     assert (again.resumed, again.sweep.rows) == (3, rows)
+
+
+def test_a_motion_may_leave_both_soft_stops_after_many_contacts():
+    """Beside a fold it has more than a hundred contacts, and none in the periods looked at next."""
+
+    def stopped(k, c, e):
+        return {"x": "v", "v": f"F - {c}*v - {k}*(x - {e})"}
+
+    free = {"x": "v", "v": "F"}
+    model = {
+        "system": "hybrid",
+        "period": "2*pi/w",
+        "parameters": {"w": 2.41875},
+        "define": {"F": "cos(w*t) - 0.05*v - x"},
+        "modes": {"free": free, "right": stopped(15, 0.1, 1), "left": stopped(6, 0.3, -0.8)},
+        "guards": {
+            "A": {"mode": "free", "within": "x <= 1", "to": "right"},
+            "B": {"mode": "right", "within": "x >= 1", "to": "free"},
+            "C": {"mode": "free", "within": "x >= -0.8", "to": "left"},
+            "D": {"mode": "left", "within": "x <= -0.8", "to": "free"},
+        },
+    }
+    follow = {"parameter": "w", "range": [2.0, 3.0], "orbits": ["ABCD"]}
+    given = read_scene({"name": "gap", "model": model, "follow": follow}).model
+    simulator = Simulator(given)
+    start = simulator.state("C", time=1.421646454417961, velocity=-5.319812585633188)
+    assert settle(simulator, start).kind is Kind.NO_IMPACT
