@@ -87,13 +87,16 @@ class StatedModes:
     period: str
     mass: Texts = ()
     """Masses of the coordinates; empty where nothing is said of the kinetic energy."""
+    symmetry: Texts = ()
+    """Guards with their images where all variables change their signs; empty without a symmetry."""
 
     @property
     def text(self) -> str:
         """The system as a text, from which `statement_of` makes it again."""
         given = asdict(self)
-        if not self.mass:
-            del given["mass"]
+        for key in ("mass", "symmetry"):
+            if not given[key]:
+                del given[key]
         return json.dumps(given, separators=(",", ":"))
 
     @property
@@ -112,7 +115,9 @@ class StatedModes:
             changes = ", ".join(f"{name} = {change}" for name, change in guard.after)
             lines.append(("guard", text + (f"; {changes}" if changes else "")))
         masses = ", ".join(f"{name}: {text}" for name, text in self.mass)
-        return [*lines, *([("mass", masses)] if masses else []), ("period", self.period)]
+        images = ", ".join(f"{name}: {image}" for name, image in self.symmetry)
+        more = [(key, text) for key, text in (("mass", masses), ("symmetry", images)) if text]
+        return [*lines, *more, ("period", self.period)]
 
     @property
     def laws(self) -> list[str]:
@@ -236,6 +241,7 @@ def modes_of_table(given: Mapping[str, Any], parameters: Sequence[str]) -> State
         guards,
         period,
         _texts(given["mass"], "mass"),
+        _texts(given["symmetry"], "symmetry"),
     )
     found.check()
     return found

@@ -310,11 +310,18 @@ def _machine(table: Table, kind: type[Model]) -> Model:
 def _modes(table: Table, kind: type[Model]) -> Model:
     """The hybrid system that [model] states."""
     from ..models.stated_modes import modes_of_table
+    from ..models.stated_symmetry import check_symmetry
 
     given = {name: table.table(name).data for name in ("modes", "guards")}
-    given |= {name: table.table(name, optional=True).data for name in ("define", "mass")}
+    optional = ("define", "mass", "symmetry")
+    given |= {name: table.table(name, optional=True).data for name in optional}
     given["period"] = table.get("period", Any, accepted="the forcing period")
-    return _complete_system(table, kind, lambda names: modes_of_table(given, names))
+    model = _complete_system(table, kind, lambda names: modes_of_table(given, names))
+    try:
+        check_symmetry(model.machine, model.values)  # type: ignore[attr-defined]
+    except InputError as error:
+        raise error.within("model") from None
+    return model
 
 
 STATEMENTS = {"linear": _machine, "hybrid": _modes}

@@ -19,9 +19,10 @@ from typing import Any, ClassVar
 from ..errors import InputError
 from ..models.expressions import CONSTANTS, FUNCTIONS, names_in
 from ..models.machine import TIME, Machine, StatedGuard, StatedSystem, check_values, statement_of
-from ..models.model import Example, Formulas, Geometry, Guard, Mode, Parameter, Wall
+from ..models.model import Example, Formulas, Geometry, Guard, Mode, Parameter, Symmetry, Wall
 from ..models.stated_modes import StatedGuard as ModeGuard
 from ..models.stated_modes import StatedMode, StatedModes, check_masses, usable_definitions
+from ..models.stated_symmetry import check_guard_images, guard_images, symmetric_shift
 
 _LINEAR = """\
 coordinates = ["x1", "x2"]           # M x'' + C x' + K x = f(t)
@@ -199,6 +200,7 @@ class HybridSystem(StatedSystem):
     def attributes_of(cls, text: str) -> dict[str, Any]:
         """Return the attributes of the class of a text."""
         given = statement_of(StatedModes, text)
+        check_guard_images(given)
         size, modes = given.degrees_of_freedom, tuple(_mode(mode, given) for mode in given.modes)
         return {
             "PARAMETERS": tuple(Parameter(n, "", f"parameter {n}") for n in given.parameters),
@@ -224,6 +226,13 @@ class HybridSystem(StatedSystem):
     def tori(self) -> bool:
         """Whether tori can be born on orbits."""
         return super().tori or not self.autonomous
+
+    def symmetry(self, parameter: str, harmonics: Sequence[float]) -> Symmetry | None:
+        """The one that is stated, if it holds whatever value the parameter has."""
+        shift = symmetric_shift(self.machine, self.values, parameter)
+        if shift is None:
+            return None
+        return Symmetry(guard_images(self.machine), shift=shift, sign=-1.0)
 
     def formulas(self, symbols: Mapping[str, Any]) -> Formulas:
         """Motion in each mode, in closed form where it is linear, and what guards change."""
