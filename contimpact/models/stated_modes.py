@@ -366,6 +366,7 @@ def _check_laws_are_there(
 
 def _check_guard(guard: StatedGuard, given: StatedModes) -> None:
     where = f"guards.{guard.name}"
+    _check_without_time(guard.position, f"{where}.within", given)
     check_expression(guard.position, f"{where}.within", given.parameters, growing=True)
     if guard.past and guard.past not in (other.name for other in given.guards):
         accepted = f"the guards are {', '.join(other.name for other in given.guards)}"
@@ -379,11 +380,8 @@ def _check_guard(guard: StatedGuard, given: StatedModes) -> None:
         if name not in after.variables:
             accepted = f"the mode {after.name!r} has {', '.join(after.variables)}"
             raise InputError(f"{where}.set.{name}", f"no variable {name!r}", accepted)
-        usable = [
-            d
-            for d in usable_definitions(given, before)
-            if not _depends_on_time(dict(given.definitions), d)
-        ]
+        _check_without_time(text, f"{where}.set.{name}", given)
+        usable = usable_definitions(given, before)
         check_expression(
             text,
             f"{where}.set.{name}",
@@ -394,6 +392,16 @@ def _check_guard(guard: StatedGuard, given: StatedModes) -> None:
         if name not in (*before.variables, *dict(guard.after)):
             found = f"nothing says what {name!r} is in the mode {after.name!r}"
             raise InputError(f"{where}.set.{name}", found, "give it, in the state before")
+
+
+def _check_without_time(text: str, where: str, given: StatedModes) -> None:
+    """Refuse the time at a guard, in an expression or in a definition that stands there."""
+    definitions = dict(given.definitions)
+    for name in names_in(text):
+        if name == TIME or (name in definitions and _depends_on_time(definitions, name)):
+            found = f"{name!r} in {short_repr(text)} depends on the time"
+            accepted = "let the phase be a variable of the rate 1/T, which a guard sets to 0 at 1"
+            raise InputError(where, found, accepted)
 
 
 def usable_definitions(given: StatedModes, mode: StatedMode) -> list[str]:
