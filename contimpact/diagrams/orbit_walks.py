@@ -40,8 +40,8 @@ from ..errors import InputError, short_repr
 from ..models.guards import Word
 from ..models.model import Symmetry
 from ..orbits.problem import Linearisation, OrbitProblem
-from ..orbits.quiet import FreeQuietProblem
-from ..orbits.search import mirror_orbit, reduce_period, repeats, rotate_to_word, solve_near
+from ..orbits.quiet import FreeQuietProblem, QuietProblem, problem_of
+from ..orbits.search import mirror_orbit, reduce_period, rotate_to_word, solve_near
 from ..results.branch import Branch
 from ..results.diagram import entry_of, tabulate
 from ..segments.compiling import note_uncompiled
@@ -349,7 +349,7 @@ def symmetric_end(problem: OrbitProblem, known: Known | None = None) -> Policy |
     It is for a walk that looks for BP; None where no orbit of the problem can be an image
     of itself. `known` returns the name of the branch that an orbit of shorter period lies on.
     """
-    if len(problem.word.rotations()) == 1 and symmetry_of(problem) is None:
+    if not problem.word.repeated() and symmetry_of(problem) is None:
         return None
     return _SymmetricEnd(problem, known)
 
@@ -369,9 +369,11 @@ class _SymmetricEnd(Policy):
         self.problem, self.known = problem, known
         self.symmetry = symmetry_of(problem)
         self.kinds: list[EndKind] | None = None
+        self.first = np.zeros(0)
 
     def accepted(self, point: Point, events: Sequence[Event]) -> tuple[End, Point] | None:
         if self.kinds is None:
+            self.first = point.unknowns
             own = self.images(point.unknowns, OFF_IMAGE)
             self.kinds = [k for k in (EndKind.SHORTER, EndKind.SYMMETRIC) if k not in own]
         for event in events:
@@ -384,18 +386,35 @@ class _SymmetricEnd(Policy):
     def images(self, unknowns: Array, tolerance: float) -> list[EndKind]:
         """In which ways an orbit is an image of itself."""
         found = []
-        if repeats(self.problem, unknowns, tolerance):
+        if self.shorter(unknowns, tolerance) is not None:
             found.append(EndKind.SHORTER)
         if symmetric(self.problem, unknowns, self.symmetry, tolerance):
             found.append(EndKind.SYMMETRIC)
         return found
 
+    def shorter(self, unknowns: Array, tolerance: float) -> tuple[OrbitProblem, Array] | None:
+        """The orbit of shorter period that an orbit repeats.
+
+        Without impacts it is measured by the branch's first orbit: an equilibrium has no size.
+        """
+        problem = self.problem
+        if problem.word.walls:
+            found = reduce_period(problem, unknowns, tolerance)
+            return None if found[0] is problem else found
+        for word in problem.word.repeated():
+            one = problem_of(problem.model, word, problem.kernels)
+            sizes = one.residual_sizes(one.scale(self.first, 1.0))
+            if np.all(np.abs(one.evaluate(unknowns).residual) < tolerance * sizes):
+                return one, unknowns
+        return None
+
     def end(self, kind: EndKind, point: Point) -> End:
         """The end at a branch point."""
         name, value = self.problem.parameter, point.parameter
-        if kind is EndKind.SYMMETRIC:
+        once = None if kind is EndKind.SYMMETRIC else self.shorter(point.unknowns, AT_IMAGE)
+        if once is None:
             return End.of(kind, name, value)
-        shorter, moved = reduce_period(self.problem, point.unknowns, AT_IMAGE)
+        shorter, moved = once
         if self.known is not None and (branch := self.known(shorter, moved)):
             return End.of(EndKind.KNOWN, name, value, known=branch)
         letters, word = self.problem.model.letters, self.problem.word
@@ -559,9 +578,13 @@ class Run:
         return any(self._passes_at_turn(*turn, unknowns) for turn in self._turning)
 
     def has(self, problem: OrbitProblem, unknowns: Array) -> bool:
-        """Whether an orbit lies on this branch, its word rotated perhaps."""
+        """Whether an orbit lies on this branch, its word rotated perhaps, or begun a period of the
+        forcing later."""
         turned = rotate_to_word(problem, unknowns, self.problem.word)
-        return turned is not None and self.holds(turned)
+        if turned is None:
+            return False
+        later = problem.later(turned) if isinstance(problem, QuietProblem) else []
+        return any(self.holds(one) for one in (turned, *later))
 
     @functools.cached_property
     def _turning(self) -> list[tuple[int, Array]]:

@@ -378,6 +378,15 @@ class QuietProblem(OrbitProblem):
         shorter = (QuietProblem(self.model, w, self.kernels) for w in self.word.repeated())
         return next((one for one in shorter if one.solved_by(unknowns)), self), unknowns
 
+    def later(self, unknowns: Array) -> list[Array]:
+        """Return the same orbit as it begins one period of the forcing later, two periods, ..."""
+        once, found = QuietProblem(self.model, Word("", 1), self.kernels), list[Array]()
+        for _ in range(self.word.period - 1):
+            unknowns = unknowns.copy()
+            unknowns[: self.m] += once.evaluate(unknowns).residual
+            found.append(unknowns)
+        return found
+
     def solved_by(self, unknowns: Array) -> bool:
         """Whether unknowns are those of an orbit."""
         sizes = self.residual_sizes(self.scale(unknowns, 1.0))
