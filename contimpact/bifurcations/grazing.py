@@ -480,6 +480,10 @@ def _insert_impacts(rows: Array, flight: int, added: Sequence[Array]) -> Array:
     return np.vstack([rows[:place], *added, rows[place:]])
 
 
+SINGULAR = 1e-10
+"""Singular values of a Jacobian below this part of the largest are zero."""
+
+
 def contacts_start(
     problem: OrbitProblem, unknowns: Array, touches: Sequence[tuple[str, float]]
 ) -> Start | None:
@@ -487,11 +491,14 @@ def contacts_start(
 
     At a soft stop the square of a contact's velocity goes with the parameter. Each touch adds a
     direction to the Jacobian's kernel, along which the parameter rests; to second order the squares
-    of their velocities have a fixed ratio. None where these squares have different signs: no orbit
-    has all of the contacts.
+    of their velocities have a fixed ratio. None where these squares have different signs, as no
+    orbit has all of the contacts then, and where the kernel is another one.
     """
-    here = problem.evaluate(unknowns)
-    count = len(touches)
+    here, count = problem.evaluate(unknowns), len(touches)
+    rows, scale = here.sizes
+    sizes = np.linalg.svd(here.jacobian * scale / rows[:, None])[1]
+    if count < 2 or int(np.sum(sizes <= SINGULAR * sizes[0])) != count - 1:
+        return None
     left, right = here.singular_vectors(here.jacobian)
     columns = [_speed_column(problem, unknowns, time) for _, time in touches]
     speeds = right[-count:, columns]
