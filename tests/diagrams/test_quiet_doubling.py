@@ -34,3 +34,5 @@ def test_a_branch_ends_where_it_is_the_orbit_of_one_period_run_twice():
     (limit,) = {0, -1} - {0 if branch.ends[0].kind.name == "SHORTER" else -1}
     there = branch.orbit(limit)
     assert abs(there.unknowns) == pytest.approx(abs(born.unknowns), abs=1e-9)
+    at_rest = doubled.orbit(crossing.id)
+    assert abs(at_rest.unknowns[:2]).max() < 1e-15
