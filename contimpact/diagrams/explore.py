@@ -433,7 +433,7 @@ class _Explorer:
         tests, settings = self.tests(problem), self.settings()
         stop, tell = symmetric_end(problem, self.known), self.walk_progress(problem, name)
         scene = self.scene
-        about = start, born, scene.range, tests, settings, name
+        about = start, born, scene.range, tests, settings
         return run_born(*about, stop, None, self.throughout(problem.word), tell)
 
     def run_known(self, run: Run) -> str | None:

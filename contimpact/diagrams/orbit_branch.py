@@ -214,7 +214,7 @@ def continue_born(
         stop, settings = symmetric_end(problem), _numerics(settings)
         if unphysical is None:
             unphysical = problem.model.few_guards or not entry.physical
-        run = run_born(start, born, limits, tests, settings, name, stop, told, unphysical)
+        run = run_born(start, born, limits, tests, settings, stop, told, unphysical)
     if isinstance(run, End):
         return None
     asked = [test.kind for test in tests]

@@ -659,23 +659,25 @@ def _walks_from(
     return lambda direction: walk_orbits(problem, unknowns, direction, **given)
 
 
+MIRRORED = "; the other way, the mirror images of its orbits follow"
+
+
 def run_born(
     start: Start,
     born: End,
     limits: tuple[float, float],
     tests: Sequence[TestFunction],
     settings: Settings,
-    name: str = "b1",
     stop: Policy | None = None,
     callback: Callback | None = None,
     unphysical: bool = True,
     progress: Callable[[int, float], None] | None = None,
 ) -> Run | End:
-    """Walk along a branch from its start, one way or both as `Start` says.
+    """Walk along a branch from its start, one way or both as `Start` says, and one way where the
+    other one has the mirror images.
 
-    `born` is the end in the direction not followed; `name`, the branch's, is for the end of one
-    that mirrors itself. The other arguments are those of `walk_orbits`. Where there is no first
-    point, returns the end that says why.
+    `born` is the end in the direction not followed. The other arguments are those of `walk_orbits`.
+    Where there is no first point, returns the end that says why.
     """
     problem = start.problem
     options: Options = {"limits": limits, "settings": settings}
@@ -687,9 +689,8 @@ def run_born(
         return forward.end
     first, closed = forward.points[:1], forward.end.kind is EndKind.CLOSED
     if not closed and mirrors_back(problem, start.unknowns, start.tangent, symmetry_of(problem)):
-        known = f"{name} again, as its own mirror image"
-        end = End.of(EndKind.KNOWN, problem.parameter, first[0].parameter, known=known)
-        backward = Walk(first, (), end)
+        mirrored = dataclasses.replace(born, message=f"{born.message}{MIRRORED}")
+        backward = Walk(first, (), mirrored)
     elif start.both_ways or closed:
         backward = other_way(forward, problem.parameter, partial(go, -1))
         if not backward.points:

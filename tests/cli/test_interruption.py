@@ -208,7 +208,7 @@ def test_an_interruption_at_the_first_points_of_a_born_branch_ends_the_run(after
     run_born = explore.run_born
 
     def interrupted(*given):
-        return run_born(*given[:7], interrupting(after), *given[8:])
+        return run_born(*given[:6], interrupting(after), *given[7:])
 
     monkeypatch.setattr(explore, "run_born", interrupted)
     part = follow(read_scene(SCENE))

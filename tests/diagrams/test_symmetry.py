@@ -94,8 +94,10 @@ def test_a_branch_born_at_a_pitchfork_is_followed_one_way():
     (point,) = single.events
     assert abs(point.nu) <= point.nu_error < 1e-13
     born = continue_born(point, model, (0.3, 1.2), events=("FB", "BP", "G"))
-    assert [e.kind for e in born.ends] == [EndKind.KNOWN, EndKind.RANGE]
-    assert born.ends[0].message.startswith("met branch b1 again, as its own mirror image")
+    assert [e.kind for e in born.ends] == [EndKind.BORN, EndKind.RANGE]
+    told = f"born at {point.id} of branch {point.branch} at s = "
+    assert born.ends[0].message.startswith(told)
+    assert born.ends[0].message.endswith("the mirror images of its orbits follow")
     assert each_once(born)
 
 
