@@ -29,21 +29,22 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import TypeAlias
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..continuation.branch import Details, Event, Point, TestFunction
+from ..continuation.branch import Details, Event, Location, Point, Problem, TestFunction
 from ..continuation.corrector import log_determinant
 from ..models.guards import Word
 from ..orbits.problem import Linearisation
 from ..orbits.quiet import problem_of
 from ..orbits.status import neimark_sacker, pair_on_circle, products_of
 from ..segments.flight import Touch
-from .extended_system import ExtendedSystem
+from .at_rest import Curve, solve_at_rest
+from .extended_system import NO_TRACE, ExtendedSystem, trace_of
 from .kind import CurvePoint, Kind, kind_of
 
 Leaves: TypeAlias = Callable[[ExtendedSystem, Array], tuple[Array, Array]]
@@ -187,6 +188,13 @@ class StopCoincides(CurveTest):
 
     def of(self, here: CurvePoint) -> ArrayLike:
         return here.orbit.problem.impacts(here.orbit.unknowns)[:, 1]
+
+    def locate(
+        self, problem: Problem[CurvePoint], guess: Point[CurvePoint], index: int
+    ) -> Location | None:
+        """Where an impact at rest leaves no trace, solutions of the curve's equations cross."""
+        found = solve_at_rest(cast(Curve, problem), guess.evaluation, index)
+        return found and replace(found, details={"changes": self.changes})
 
     def other(self, here: CurvePoint, index: int) -> tuple[str, Details]:
         return "V", {"impact": index}
@@ -443,10 +451,6 @@ class FoldBorn(TouchSingular):
         return np.sign(factor) * value
 
 
-NO_TRACE = 1e-7
-"""Part of an equation's size below which what an impact at rest changes in it is rounding: times of
-touches are known to the square root of rounding only."""
-
 TOGETHER = 1e-6
 """Part of the period within which impacts happen at once."""
 
@@ -476,14 +480,7 @@ def _changes_acceleration(orbit: Linearisation, impact: int, wall: str) -> bool:
 def _leaves_no_trace(orbit: Linearisation, there: Array) -> bool:
     """Whether impacts can move together, to the first order, so that no flight before or after
     them changes at its other end."""
-    problem = orbit.problem
-    (rows, sizes), moved = orbit.sizes, np.flatnonzero(np.repeat(there, problem.m))
-    own = orbit.cyclic(0.0)
-    around = orbit.cyclic(1.0) - own
-    if problem.autonomous:  # the first impact is held in time, and all others move instead
-        around[:, 0] = -own[:, : problem.n : problem.m].sum(axis=1)
-    both = np.hstack([own[:, moved].T, around[:, moved].T]) / np.tile(rows, 2)
-    return bool(np.linalg.norm(both * sizes[moved, None], -2) < NO_TRACE)
+    return trace_of(orbit, np.flatnonzero(np.repeat(there, orbit.problem.m))) < NO_TRACE
 
 
 Counted: TypeAlias = Callable[["CurvePoint"], Linearisation]

@@ -17,13 +17,16 @@ Schaeffer 1985).
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 
-from ..continuation.branch import Event, TestFunction
+from ..continuation.branch import Event, Location, Point, Problem, TestFunction
 from ..continuation.corrector import orient_vector
 from ..models.guards import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from ..orbits.quiet import QuietProblem, problem_of
+from .at_rest import Curve, points_at_rest
 from .codimension_two import (
     CurveStart,
     CurveTest,
@@ -46,6 +49,7 @@ from .extended_system import (
     SingularTest,
     null_vectors,
     unit_vector,
+    vanishes,
 )
 from .kind import (
     SUB,
@@ -75,11 +79,6 @@ class PeriodDoubling(SingularTest):
         return orbits.doubling[:, None]
 
 
-AT_REST = 1e-4
-"""Velocity of an impact, beside the largest, below which a zero of a determinant is that of the
-velocity."""
-
-
 class DoublingTurns(CurveTest):
     """GPD: the numerator of c, which has no pole where the curve turns in lambda, times det C(1),
     which leaves it none where the orbit also folds."""
@@ -88,13 +87,19 @@ class DoublingTurns(CurveTest):
     changes = "the period doubling changes between supercritical and subcritical"
 
     def of(self, here: CurvePoint) -> float:
-        return _bend(here.orbit)[0] * scaled_determinant(here.orbit, 1.0)
+        return float(np.sum(_bend(here.orbit)[0])) * scaled_determinant(here.orbit, 1.0)
+
+    def locate(
+        self, problem: Problem[CurvePoint], guess: Point[CurvePoint], index: int
+    ) -> Location | None:
+        """Where an impact leaves no trace, the sign is that of its velocity."""
+        return next(points_at_rest(cast(Curve, problem), guess.evaluation), None)
 
     def accept(self, event: Event[CurvePoint]) -> bool:
-        """Where a contact ends at rest, C(1) is singular without the multiplier 1."""
+        """Where an impact leaves no trace, C(1) is singular without the multiplier 1."""
         orbit = event.point.evaluation.orbit
-        speeds = np.abs(orbit.problem.impacts(orbit.unknowns)[:, 1])
-        return bool(np.all(speeds > AT_REST * np.max(speeds, initial=0.0)))
+        terms, _ = _bend(orbit)
+        return vanishes(orbit, float(np.sum(terms)), float(np.sum(np.abs(terms))))
 
     def born(self, here: CurvePoint, index: int) -> list[CurveStart]:
         """The fold of the doubled orbit, z = z_0 + a (q, -q) + a^2 (w, w), at a = 0."""
@@ -169,8 +174,8 @@ class PD(Kind):
     ) -> tuple[str | None, None]:
         """None where the branch folds between the points around the event."""
         value = event.parameter
-        bent, crossing = _bend(event.point.evaluation)
-        bend = -bent / crossing
+        terms, crossing = _bend(event.point.evaluation)
+        bend = -float(np.sum(terms)) / crossing
         if not bend or (before.parameter - value) * (after.parameter - value) >= 0.0:
             return None, None
         before_is_there = (before.parameter - value) * bend > 0.0
@@ -195,8 +200,8 @@ def _second_order_term(here: Linearisation, q: Array) -> Array:
     return np.linalg.solve(here.cyclic(1.0)[:, :n], -0.5 * squared)
 
 
-def _bend(here: Linearisation) -> tuple[float, float]:
-    """Numerator and denominator of -c.
+def _bend(here: Linearisation) -> tuple[Array, float]:
+    """Both terms of the numerator of -c, and its denominator.
 
     As `null_vectors` orients psi and q, the numerator is continuous along a curve, also through R2.
     """
@@ -211,4 +216,4 @@ def _bend(here: Linearisation) -> tuple[float, float]:
         periodic, np.column_stack([-0.5 * squared, -here.by_parameter[:, 0]])
     ).T
     crossing = psi @ (mixed[:, :n] @ moved + mixed[:, n])
-    return float(psi @ (mixed[:, :n] @ bent + cubed / 6.0)), float(crossing)
+    return np.array([psi @ mixed[:, :n] @ bent, psi @ cubed / 6.0]), float(crossing)

@@ -24,12 +24,14 @@ its solutions are a curve. FB and PD after Seydel (1979), BP after Moore (1980).
 from __future__ import annotations
 
 import functools
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..continuation.branch import (
@@ -396,16 +398,71 @@ ROUNDING = 1e-14
 """Rounding of the scaled determinants."""
 
 
-def has_multiplier(event: OrbitEvent, target: float) -> bool:
-    """Whether a multiplier is where the event needs one.
+QUOTIENT = 1e-12
+"""Rounding of a multiplier, times the least trace of an impact, by which it is divided."""
+
+
+NO_TRACE = 1e-7
+"""Trace of an impact that is rounding: times of touches are known to the square root of it only."""
+
+
+def trace_of(here: Linearisation, moved: Array) -> float:
+    """Return the least that unknowns of impacts, moved by their natural sizes in all, change the
+    flights before and after by, at their other ends, beside the sizes of the equations.
+
+    For impacts that change their state it is about one, however slow they are. An impact that
+    changes neither velocity nor acceleration, as the end of a contact with a soft stop, leaves no
+    trace where its velocity vanishes: then C(mu) is singular, whatever mu, so that determinants of
+    C(mu) have the trace as a factor, besides those of the multipliers.
+    """
+    problem, (rows, sizes) = here.problem, here.sizes
+    own = here.cyclic(0.0)
+    around = here.cyclic(1.0) - own
+    if problem.autonomous:  # the first impact is held in time, and all others move instead
+        around[:, 0] = -own[:, : problem.n : problem.m].sum(axis=1)
+    both = np.hstack([own[:, moved].T, around[:, moved].T]) / np.tile(rows, 2)
+    return float(np.linalg.norm(both * sizes[moved, None], -2))
+
+
+def least_trace(here: Linearisation) -> float:
+    """Return the trace of the impact that leaves the least; infinite without impacts."""
+    m = here.problem.m
+    impacts = (np.arange(m * k, m * k + m) for k in range(len(here.problem.word)))
+    return min((trace_of(here, moved) for moved in impacts), default=math.inf)
+
+
+def is_near(here: Linearisation, values: ArrayLike, target: float, known: bool = False) -> bool:
+    """Whether one of some multipliers, or of products of some, is where an event of the orbit needs
+    it; `known` says that it is there but for rounding, or else nowhere near.
 
     Determinants also vanish where flights do: at r = 0 impacts merge, and no multiplier is near.
     Where the velocity of an impact is rounding, as at a V, so are multipliers, which have it as a
-    divisor.
+    divisor. Where an impact leaves little trace, a determinant vanishes by that, if the multiplier
+    is further away.
     """
+    apart = np.abs(np.asarray(values) - target)
+    away = float(np.min(apart[np.isfinite(apart)], initial=math.inf))
+    if here.resting or not away < UNIT_CIRCLE:
+        return False
+    trace = least_trace(here)
+    return away < trace or (known and away * trace < QUOTIENT)
+
+
+def leaves_no_trace(here: Linearisation) -> bool:
+    """Whether an impact leaves no trace, as nearly as is known."""
+    return least_trace(here) < NO_TRACE
+
+
+def vanishes(here: Linearisation, value: float, terms: float) -> bool:
+    """Whether a value of an orbit with a critical multiplier vanishes beside the terms it is the
+    sum of, and not by the trace of an impact: it has that for a factor."""
+    return abs(value) <= least_trace(here) ** 1.5 * terms
+
+
+def has_multiplier(event: OrbitEvent, target: float) -> bool:
+    """Whether a multiplier is where the event needs one."""
     here = event.point.evaluation
-    near = np.min(np.abs(here.multipliers - target)) < UNIT_CIRCLE
-    return bool(near) and not here.resting
+    return is_near(here, here.multipliers, target)
 
 
 def null_vectors(here: Linearisation, mu: float) -> tuple[Array, Array]:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 
-from ..continuation.branch import TestFunction
+from ..continuation.branch import Event, Location, Point, Problem, TestFunction
 from ..models.guards import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
+from .at_rest import Curve, points_at_rest
 from .codimension_two import (
     CurveTest,
     MultiplierCoincides,
@@ -23,6 +26,7 @@ from .extended_system import (
     SingularTest,
     null_vectors,
     stands_upright,
+    vanishes,
 )
 from .kind import Change, CurvePoint, Details, Equations, Kind, Look, System, Values, declared
 
@@ -48,11 +52,28 @@ class Cusp(CurveTest):
     changes = "a cusp: two folds meet and end"
 
     def of(self, here: CurvePoint) -> float:
+        return float(np.sum(self.terms(here)))
+
+    def terms(self, here: CurvePoint) -> Array:
+        """Return the terms of the form, one for each entry of F_zz[q]."""
         orbit = here.orbit
         psi, q = null_vectors(orbit, 1.0)
         psi = psi * np.sign(q @ here.own)
         along = np.concatenate([here.own, np.zeros(orbit.problem.free)])
-        return psi @ orbit.problem.second_along(orbit.unknowns, along) @ along
+        second = orbit.problem.second_along(orbit.unknowns, along)
+        return np.asarray(psi[:, None] * second * along)
+
+    def locate(
+        self, problem: Problem[CurvePoint], guess: Point[CurvePoint], index: int
+    ) -> Location | None:
+        """Where an impact leaves no trace, the sign is that of its velocity."""
+        return next(points_at_rest(cast(Curve, problem), guess.evaluation), None)
+
+    def accept(self, event: Event[CurvePoint]) -> bool:
+        """At an FB-V at which an impact leaves no trace, q moves nothing but that impact."""
+        terms = self.terms(event.point.evaluation)
+        sizes = float(np.sum(np.abs(terms)))
+        return vanishes(event.point.evaluation.orbit, float(np.sum(terms)), sizes)
 
 
 @declared(place=1, curves=True, second=True)

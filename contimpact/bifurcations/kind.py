@@ -45,6 +45,7 @@ from .extended_system import (
     ExtendedSystem,
     OrbitEvent,
     OrbitPoint,
+    is_near,
     rounding_of_product,
 )
 
@@ -328,6 +329,13 @@ class Kind(ABC):
         if self.multiplier is None:
             return []
         return [int(np.argmin(np.abs(multipliers - self.multiplier)))]
+
+    def is_on_circle(self, here: Linearisation) -> bool:
+        """Whether an orbit has the multiplier that an event of this kind needs, if it needs one:
+        its equations are also solved where an impact leaves no trace."""
+        return self.multiplier is None or is_near(
+            here, here.multipliers, self.multiplier, known=True
+        )
 
     def multipliers(self, here: Linearisation, details: Details) -> tuple[Array, int]:
         """Return the orbit's multipliers, and how many outside the unit circle are not the

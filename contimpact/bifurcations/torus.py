@@ -15,7 +15,7 @@ import numpy as np
 from ..continuation.branch import EndKind, Point, TestFunction
 from ..models.guards import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding
-from ..orbits.status import neimark_sacker, pair_on_circle
+from ..orbits.status import neimark_sacker, pair_on_circle, products_of
 from .codimension_two import CurveTest, MultiplierCoincides, PairCoincides, leaving_tests
 from .extended_system import (
     ExtendedSystem,
@@ -24,6 +24,7 @@ from .extended_system import (
     Orbits,
     OrbitTest,
     SystemEvaluation,
+    is_near,
     rounding_of_length,
     rounding_of_product,
 )
@@ -172,6 +173,9 @@ class NS(Kind):
         away = np.abs(np.abs(multipliers) - 1.0)
         apart = (multipliers.imag == 0.0) | (away > RESONANT)
         return np.lexsort((away, apart))[:2].tolist()
+
+    def is_on_circle(self, here: Linearisation) -> bool:
+        return is_near(here, products_of(here.multipliers), 1.0, known=True)
 
     def curve_limits(self) -> Mapping[EndKind, TestFunction]:
         return {EndKind.RESONANCE: RealPair()}

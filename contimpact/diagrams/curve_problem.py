@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import ARRAYS, LISTS, Array, Containers, Vector
+from ..bifurcations.at_rest import difference_gradient, sizes_of
 from ..bifurcations.codimension_two import CurveStart, CurveTest
 from ..bifurcations.declarations import CURVES
 from ..bifurcations.event_solver import (
@@ -185,28 +186,6 @@ MUTUAL = ("G-PD", "G-FB")
 SAMPLES = 500
 """Instants of a flight at which its touch is looked for."""
 
-STEP = float(np.cbrt(EPSILON))
-"""Step of central differences, as a part of an unknown's natural size."""
-
-
-def difference_gradient(value: Callable[[Array], float], x: Array, sizes: Array) -> Array:
-    """Return a function's gradient by central differences, given natural sizes of its arguments."""
-    row = np.zeros(len(x))
-    for place, step in enumerate(STEP * sizes):
-        moved = np.zeros(len(x))
-        moved[place] = step
-        row[place] = (value(x + moved) - value(x - moved)) / (2.0 * step)
-    return row
-
-
-def sizes_of(here: Linearisation) -> Array:
-    """Return natural sizes of an orbit's unknowns, its free parameters by their own."""
-    problem = here.problem
-    free = np.maximum(np.abs(here.unknowns[problem.n :]), STEP)
-    sizes = problem.scale(here.unknowns, free)
-    sizes[: problem.n] /= np.sqrt(len(problem.word))
-    return sizes
-
 
 class SimultaneousEvents(ExtendedSystem):
     """Two events of one orbit at once; the first one's own unknowns, `size` of them, go first."""
@@ -315,6 +294,9 @@ class DoubleEvent(Kind):
 
     def critical(self, multipliers: Array) -> list[int]:
         return sorted({place for kind in self.kinds for place in kind.critical(multipliers)})
+
+    def is_on_circle(self, here: Linearisation) -> bool:
+        return all(kind.is_on_circle(here) for kind in self.kinds)
 
     def verdict(self, here: Linearisation, details: Details) -> Verdict:
         """Touches and impacts of zero velocity are forgiven."""

@@ -16,13 +16,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
+from ..bifurcations.at_rest import difference_gradient, points_at_rest, sizes_of
 from ..bifurcations.codimension_two import double_orbit, leaving_tests
 from ..bifurcations.declarations import REQUESTED
 from ..bifurcations.extended_system import (
     EPSILON,
-    UNIT_CIRCLE,
     ExtendedSystem,
     SystemEvaluation,
+    leaves_no_trace,
     solve,
 )
 from ..bifurcations.kind import Kind, Values, kind_of
@@ -40,7 +41,7 @@ from ..continuation.branch import (
     join_walks,
     missed_texts,
 )
-from ..continuation.corrector import Arc, correct, length
+from ..continuation.corrector import Arc, correct, inner_product, length
 from ..continuation.crossing_branches import Meeting
 from ..continuation.events import snap_to_points
 from ..continuation.settings import Settings
@@ -63,10 +64,8 @@ from .curve_problem import (
     CurveProblem,
     backend_of,
     curve_problem,
-    difference_gradient,
     double_of,
     require_curve,
-    sizes_of,
     slope_of,
 )
 
@@ -204,14 +203,14 @@ def repetition_end(point: Point[CurvePoint]) -> End:
 
 
 def crossing(problem: Problem[CurvePoint], guess: Point, scale: Array) -> Meeting | None:
-    """Return where the curve of the orbit run twice crosses next to a point of a doubled one's."""
-    found = solve_repetition(guess.evaluation)
-    if found is None:
-        return None
-    away = (found.unknowns - guess.unknowns) / scale
-    if float(np.linalg.norm(away)) > NEAR:
-        return None
-    return Meeting(found.unknowns, 0.0, ROUNDING, (1.0, 1.0), 1.0)
+    """Return where another curve crosses next to a point: that of the orbit run twice, or that of
+    all orbits with an impact at rest that leaves no trace."""
+    here = guess.evaluation
+    resting = points_at_rest(here.problem, here)
+    for found in itertools.chain([solve_repetition(here)], resting):
+        if found is not None and length(found.unknowns - guess.unknowns, scale) <= NEAR:
+            return Meeting(found.unknowns, 0.0, ROUNDING, (1.0, 1.0), 1.0)
+    return None
 
 
 def solve_repetition(here: CurvePoint) -> Location | None:
@@ -266,8 +265,9 @@ class ShorterEnd(Policy):
             return walk
         problem = last.evaluation.problem
         away = found.unknowns - last.unknowns
-        distance = length(away, problem.scale(found.unknowns, abs(found.unknowns[-1])))
-        if not (distance < BESIDE_SHORTER and away @ last.tangent > 0.0):
+        scale = problem.scale(found.unknowns, abs(found.unknowns[-1]))
+        distance, ahead = length(away, scale), inner_product(away, last.tangent, scale)
+        if not ahead > AHEAD * distance * length(last.tangent, scale) or distance > BESIDE_SHORTER:
             return walk
         here = problem.evaluate(found.unknowns)
         reached = replace(last, evaluation=here, arclength=last.arclength + distance, iterations=0)
@@ -276,8 +276,10 @@ class ShorterEnd(Policy):
         return replace(walk, end=repetition_end(reached))
 
 
-BESIDE_SHORTER = 1e-3
-"""Distance to the orbit run twice at which a curve ends there, if no step leads on."""
+BESIDE_SHORTER, AHEAD = 1e-2, 0.9
+"""Distance to the orbit run twice at which a curve ends there, if no step leads on, and cosine of
+the angle at which it is ahead. Beside a GPD what tells the curve of folds from that of the doubling
+falls with the fourth power of the distance, to rounding at 1e-3."""
 
 Range = tuple[float, float]
 
@@ -407,12 +409,13 @@ def walk_curve(
             settings=settings,
             callback=callback,
             policies=[LeavingEnd(problem.kind, watched), *([ShorterEnd()] if again else [])],
-            meeting=crossing if again else None,
+            meeting=crossing if again or problem.kind.multiplier else None,
             backend=backend_of(problem),
         )
 
     forward = keep_interrupted(lambda: go(+1))
-    if not forward.points:
+    start_lost = len(forward.points) == 1 and not _is_on_curve(problem.kind, forward.points[0])
+    if not forward.points or (start_lost and forward.end.kind is EndKind.VANISHED):
         return forward.end
     return other_way(forward, last, lambda: go(-1)), forward
 
@@ -471,10 +474,12 @@ class LeavingEnd(Policy):
                 last = self.within[end]
                 told = End.of(end, first, last.evaluation.parameter(first))
                 lost.append((replace(told, message=f"{told.message}{UNLOCATED}"), last))
-        if self.has_multiplier(point):
+        if _is_on_curve(self.kind, point):
             self.within[EndKind.VANISHED] = point
         elif EndKind.VANISHED in self.within:
             found.append((EndKind.VANISHED, first, self.within[EndKind.VANISHED]))
+        elif leaves_no_trace(point.evaluation.orbit):
+            found.append((EndKind.VANISHED, first, point))
         for end, parameter, at in found:
             return End.of(end, parameter, at.evaluation.parameter(parameter)), at
         if lost:
@@ -484,14 +489,14 @@ class LeavingEnd(Policy):
             None,
         )
 
-    def has_multiplier(self, point: Point[CurvePoint]) -> bool:
-        """Whether an orbit has the multiplier of the kind: where an impact is at rest, the
-        equations are solved without it, too."""
-        here, critical = point.evaluation.orbit, self.kind.multiplier
-        speeds = np.abs(here.problem.impacts(here.unknowns)[:, 1])
-        if critical is None or not np.any(speeds < SLOW * np.max(speeds, initial=0.0)):
-            return True
-        return bool(np.min(np.abs(here.multipliers - critical)) < UNIT_CIRCLE) and not here.resting
+
+def _is_on_curve(kind: Kind, point: Point[CurvePoint]) -> bool:
+    """Whether an orbit has the multiplier of the kind: where an impact is at rest, the equations
+    are solved without it, too."""
+    here = point.evaluation.orbit
+    speeds = np.abs(here.problem.impacts(here.unknowns)[:, 1])
+    slow = bool(np.any(speeds < SLOW * np.max(speeds, initial=0.0)))
+    return not slow or kind.is_on_circle(here)
 
 
 class Limit(TestFunction):

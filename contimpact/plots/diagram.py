@@ -289,7 +289,7 @@ def heading(diagram: Diagram) -> str:
     if not diagram.branches:
         return plain_text(diagram.name, 60)
     fixed = values_text(fixed_values(diagram.branches), units_of(diagram.branches[0].system))
-    return f"{plain_text(diagram.name, 60)}: {fixed}"
+    return ": ".join(part for part in (plain_text(diagram.name, 60), fixed) if part)
 
 
 def write_heading(figure: Any, text: str) -> None:

@@ -542,12 +542,13 @@ def _limits(ax: Any, width: float) -> tuple[float, float]:
 
 def text_width(text: str) -> float:
     """Return the width of a label in points."""
-    text = text.replace("\n", " ") or " "
+    text = text.replace("\n", " ")
+    if not text.strip():  # some versions of Matplotlib draw no path of nothing
+        return 0.0
     if is_math_text(text):
         laid_out = FORMULAS.parse(text, DOTS, FontProperties(size=SIZE))
         return float(laid_out.width) * 72.0 / DOTS
-    path = TextPath((0, 0), text, size=SIZE)
-    return float(path.get_extents().width) if len(path.vertices) else 0.0
+    return float(TextPath((0, 0), text, size=SIZE).get_extents().width)
 
 
 def _draw(ax: Any, label: Label, spot: Spot) -> None:

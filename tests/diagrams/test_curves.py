@@ -12,6 +12,7 @@ import pytest
 from zoo import ROOT
 
 from contimpact.continuation.branch import EndKind
+from contimpact.diagrams import curves
 from contimpact.diagrams.curves import LeavingEnd, follow_curve
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.map_lines import same_curve
@@ -84,7 +85,9 @@ def test_a_walk_ends_before_a_limit_that_is_passed_and_not_located():
     """As where the touch of a grazing reaches an impact at rest: the equations are singular."""
     test = SimpleNamespace(kind="touch", values=lambda point: np.array([1.0, point.left]))
     limits = {EndKind.TOUCH: test}
-    kind = SimpleNamespace(curve_limits=lambda: limits, curve_end=lambda own: None, multiplier=None)
+    kind = SimpleNamespace(
+        curve_limits=lambda: limits, curve_end=lambda own: None, is_on_circle=lambda here: True
+    )
     policy = LeavingEnd(kind, [])
     within, beyond = Place(0.1, 0.2), Place(0.2, -0.1)
     assert policy.accepted(within, []) is None
@@ -95,15 +98,23 @@ def test_a_walk_ends_before_a_limit_that_is_passed_and_not_located():
 
 
 @pytest.mark.parametrize("last", [{"multipliers": (-1.2, 0.5)}, {"resting": (1,)}])
-def test_a_curve_ends_where_its_orbits_lose_the_multiplier(last):
+def test_a_curve_ends_where_its_orbits_lose_the_multiplier(last, monkeypatch):
     """A curve of PD of a soft stop continued along that of the V at which the contact vanishes."""
-    kind = SimpleNamespace(curve_limits=dict, curve_end=lambda own: None, multiplier=-1.0)
+    kind = SimpleNamespace(
+        curve_limits=dict,
+        curve_end=lambda own: None,
+        is_on_circle=lambda here: -1.0 in here.multipliers and not here.resting,
+    )
+    monkeypatch.setattr(curves, "leaves_no_trace", lambda here: False)
     policy = LeavingEnd(kind, [])
     at_rest, within = Place(0.0, resting=(1,), multipliers=(-1.0,)), Place(0.1, multipliers=(-1.0,))
     assert policy.accepted(at_rest, []) is None  # where it begins at a V
     assert policy.accepted(within, []) is None
     end, place = policy.accepted(Place(0.2, **{"multipliers": (-1.0,)} | last), [])
     assert (end.kind, end.value, place) == (EndKind.VANISHED, 0.1, within)
+    monkeypatch.setattr(curves, "leaves_no_trace", lambda here: True)
+    end, place = LeavingEnd(kind, []).accepted(at_rest, [])  # as of a contact
+    assert (end.kind, end.value, place) == (EndKind.VANISHED, 0.0, at_rest)
 
 
 @pytest.mark.full
