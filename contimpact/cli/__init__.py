@@ -243,7 +243,7 @@ def parser() -> argparse.ArgumentParser:
     argument(atlas, "--study NAME", "of these studies alone", action="append")
     argument(atlas, "--quantity NAME", "these alone", action="append")
     argument(atlas, "--axes X Y", "default: the study's first two")
-    argument(atlas, "--orbit N:M", "of this orbit (default 1:1)", default="1:1")
+    argument(atlas, "--orbit N:M", "of this orbit (default 1:1)")
     argument(atlas, "--at NAME=VALUE", "value of another axis", action="append", default=[])
     argument(
         atlas,

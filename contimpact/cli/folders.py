@@ -78,7 +78,8 @@ def ranges(options: argparse.Namespace) -> int:
         telling(folder.name, options.quiet, patient=True) as tell,
     ):
         tell("reading")
-        alone = is_there(folder / "sweep.csv") and not is_there(folder / "catalogue.json")
+        swept = any(is_there(place / "sweep.csv") for place in (folder, folder / "simulation"))
+        alone = swept and not is_there(folder / "catalogue.json")
         found = load_ranges(folder, scene_in(folder, systems).model if alone else None)
     try:
         texts = [*map(found.describe, options.at), *found.notes] if options.at else [repr(found)]
@@ -202,7 +203,7 @@ def _plot_choices(
     plot: PlotOptions, diagram: Diagram, options: argparse.Namespace
 ) -> dict[str, Any]:
     """Axis, limits and orbits to draw, as the command line has it or else the scene."""
-    x = options.x or plot.x
+    x = plot.x if options.x is None else options.x
     numbers = ["arclength", *diagram.branches[0].parameters] if diagram.branches else [plot.x]
     require_known(x, numbers, "-x", f"no column {x!r}")
     return {

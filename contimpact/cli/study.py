@@ -16,7 +16,7 @@ from ..storage import csv_text, write_text
 from ..studies.executors import Workshop, dask, mpi, processes
 from ..studies.run import Tally, WorkersLostError, duration, run_study
 from ..studies.store import Store
-from ..studies.study import QUANTITIES, Map, Study, shortfall, studies
+from ..studies.study import QUANTITIES, Map, Study, quantity_of, shortfall, studies
 from ..studies.study_file import load_study
 from . import complain, say
 
@@ -102,6 +102,10 @@ def export(options: argparse.Namespace) -> int:
     return 0
 
 
+ORBIT = "1:1"
+"""Orbit of which maps are drawn where none is named."""
+
+
 def atlas(options: argparse.Namespace) -> int:
     """Draw maps of the studies in a store over two of their axes; returns the exit status."""
     given = [_axis_value(text) for text in options.at]
@@ -109,7 +113,7 @@ def atlas(options: argparse.Namespace) -> int:
     if len(at) < len(given):
         raise InputError("--at", "two values of one axis", "give one")
     names = options.study or studies(options.store)
-    folder = Path(options.output)
+    folder, drawn = Path(options.output), False
     with telling("atlas", options.quiet, patient=True) as tell:
         for name in names:
             with Study(options.store, name) as study:
@@ -119,9 +123,16 @@ def atlas(options: argparse.Namespace) -> int:
                     complain(f"{name}: {lacking}; values are missing there, or may be wrong")
                 for quantity in options.quantity or QUANTITIES:
                     tell(f"{name}: {quantity}")
-                    shown = study.map(quantity, axes=options.axes, orbit=options.orbit, at=at)
+                    shown = study.map(
+                        quantity, axes=options.axes, orbit=options.orbit or ORBIT, at=at
+                    )
                     if options.quantity or _is_known(shown).any():
                         _write_map(shown, study, folder, options)
+                        of_orbit = "{orbit}" in quantity_of(quantity).text
+                        drawn |= of_orbit or bool(options.quantity) or not options.orbit
+    if not drawn:
+        found = f"no map over two axes has a value of {options.orbit or ORBIT}"
+        raise InputError(options.store, found, "name an orbit of its scenes with --orbit")
     return 0
 
 

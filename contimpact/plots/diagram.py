@@ -207,6 +207,10 @@ def plot_diagram(
     return ax
 
 
+FARTHEST = 1e100
+"""Largest limit of an axis: squares of what is drawn do not overflow."""
+
+
 def _check_request(
     diagram: Diagram, x: str | None, limits: dict[str, Any], unphysical: str, labels: str
 ) -> str:
@@ -218,6 +222,8 @@ def _check_request(
             raise InputError(
                 name, f"found {pair[0]:g} to {pair[1]:g}", "give two finite numbers, lower first"
             )
+        if pair and max(map(abs, pair)) > FARTHEST:
+            raise InputError(name, f"found {pair[0]:g} to {pair[1]:g}", f"at most {FARTHEST:g}")
     if not diagram.branches:
         return x or ""
     column = x or diagram.branches[0].parameter

@@ -10,6 +10,7 @@ import copy
 import functools
 import hashlib
 import json
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -103,6 +104,22 @@ def _axis(name: str, given: Any, where: str) -> Axis:
     return Axis(name, values)
 
 
+def _axes(given: Mapping[str, Any], where: str) -> tuple[Axis, ...]:
+    """The axes of a grid; too many points are refused before values are made."""
+    counts = [
+        v.get("count") if isinstance(v, Mapping) else len(v) if isinstance(v, list | tuple) else 1
+        for v in given.values()
+    ]
+    _require_few(math.prod(n for n in counts if isinstance(n, int) and n > 0))
+    return tuple(_axis(name, values, f"{where}.{name}") for name, values in given.items())
+
+
+def _require_few(count: int) -> None:
+    """Raise `InputError` for more scenes than a study may have."""
+    if count > MOST_SCENES:
+        raise InputError("study", f"{count} scenes", f"at most {MOST_SCENES} are admitted")
+
+
 @dataclass(frozen=True)
 class Design:
     """The points of a study."""
@@ -113,9 +130,7 @@ class Design:
         'equal ratios with `spacing = "log"`',
         name="grid",
         given=Mapping[str, Any],
-        check=lambda given, where, here: tuple(
-            _axis(name, values, f"{where}.{name}") for name, values in given.items()
-        ),
+        check=lambda given, where, here: _axes(given, where),
     )
     """Axes of the grid; the last one varies fastest."""
     sample: Sample | None = key(
@@ -196,9 +211,7 @@ def _checked(design: Design, where: str, here: Any) -> Design:
     if twice := next((name for name in names if names.count(name) > 1), None):
         found = f"{twice} is in the grid already"
         raise InputError(f"study.sample.range.{twice}", found, "give it in one place")
-    if design.combinations > MOST_SCENES:
-        found = f"{design.combinations} scenes"
-        raise InputError("study", found, f"at most {MOST_SCENES} are admitted")
+    _require_few(design.combinations)
     return replace(design, fixed=own)
 
 

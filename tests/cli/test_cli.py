@@ -525,11 +525,12 @@ def test_plot_limits(monkeypatch, run, copied):
     assert ax.get_ylim() == (-1.0, 2.0)
 
 
-def test_plot_of_a_column_that_is_not_there(run, copied, tmp_path):
-    status, out, err = run("plot", copied, "-x", "q", "-o", tmp_path / "f.png")
+@pytest.mark.parametrize("column", ["q", ""])
+def test_plot_of_a_column_that_is_not_there(run, copied, tmp_path, column):
+    status, out, err = run("plot", copied, "-x", column, "-o", tmp_path / "f.png")
     assert (status, out) == (2, "")
     message = one_line(err)
-    assert message.startswith("-x: no column 'q'; accepted are ")
+    assert message.startswith(f"-x: no column '{column}'; accepted are ")
     assert {"s", "d", "arclength"} <= set(message.split("accepted are ")[1].split(", "))
     assert not (tmp_path / "f.png").exists()
 

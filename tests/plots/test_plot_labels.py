@@ -18,7 +18,16 @@ from zoo import ROOT
 
 from contimpact import InputError, follow, plot_diagram, read_scene
 from contimpact.plots import lines as placing
-from contimpact.plots.lines import Piece, fixed_values, symbol, units_of, value_text, values_text
+from contimpact.plots.diagram import new_figure, write_heading
+from contimpact.plots.lines import (
+    Piece,
+    fixed_values,
+    symbol,
+    text_width,
+    units_of,
+    value_text,
+    values_text,
+)
 from contimpact.results.diagram import Diagram
 from contimpact.results.options import LABELS
 
@@ -184,6 +193,12 @@ def test_the_scene_says_which_events_are_labelled():
 
 
 @pytest.mark.full
+def test_a_heading_of_nothing_is_written():
+    """As above curves of a system all of whose parameters are followed."""
+    assert text_width("") == text_width(" ") == 0.0
+    write_heading(new_figure(), "")
+
+
 def test_the_heading_gives_name_and_fixed_parameters(fig7):
     (text,) = [t.get_text() for t in plot_diagram(fig7).figure.texts if t.get_gid() == "heading"]
     assert text.startswith(r"fig7: $\beta$ = $\pi/6$ rad, $r$ = 0.3, $A$ = 5 N, $M$ = 0.1245 kg")

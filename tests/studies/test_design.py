@@ -122,6 +122,11 @@ WRONG = [
         "study",
         "100000000 scenes",
     ),
+    (
+        of_study(grid={n: {"from": 0, "to": 1, "count": 10**7} for n in ("beta", "r", "A")}),
+        "study",  # before values are made
+        "1000000000000000000000 scenes",
+    ),
     (of_study(gird={}), "study.gird", "unknown key"),
 ]
 

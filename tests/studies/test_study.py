@@ -364,6 +364,7 @@ def test_the_command_draws_the_maps_and_says_what_they_show(store, tmp_path, cap
         (["--quantity", "nothing"], "quantity: found 'nothing'"),
         (["--at", "A"], "--at: found 'A'"),
         (["--study", "none"], "no study 'none'"),
+        (["--orbit", "9:9"], "no map over two axes has a value of 9:9"),
     ],
 )
 def test_maps_that_cannot_be_drawn(more, message, store, tmp_path, capsys):
