@@ -459,21 +459,19 @@ def all_changes(
     """Return the neighbouring rows of all sweeps between which the attractor changes, also to
     another one of its word.
 
-    A row between that has not settled is no attractor and passed over: what is before it is
-    followed to the next one, or to the last row.
+    What is before a row that has not settled is followed to the next one, or to the last row.
     """
-    ways = [
-        [*(row for row in rows[:-1] if row.attractor.settled), *rows[-1:]]
-        for rows in _sweeps(sweep)
-    ]
-    pairs = (pair for rows in ways for pair in itertools.pairwise(rows))
-    return [pair for pair in pairs if not leads_to(simulators, *pair, settling)]
+    return [pair for pair in neighbours(sweep) if not leads_to(simulators, *pair, settling)]
 
 
 def neighbours(sweep: Sweep) -> Iterator[tuple[Row, Row]]:
-    """Yield the neighbouring rows of all sweeps."""
+    """Yield the neighbouring rows of all sweeps.
+
+    A row between that has not settled is no attractor, and passed over.
+    """
     for rows in _sweeps(sweep):
-        yield from itertools.pairwise(rows)
+        settled = [row for row in rows[:-1] if row.attractor.settled]
+        yield from itertools.pairwise([*settled, *rows[-1:]])
 
 
 def _sweeps(sweep: Sweep) -> list[list[Row]]:
