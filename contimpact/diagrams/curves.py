@@ -167,7 +167,7 @@ OWN_ITERATIONS = 3
 
 class RepetitionTest(TestFunction[CurvePoint]):
     """The orbit becomes a shorter one: impacts that are to be the same have the same section
-    coordinates, by the largest of each."""
+    coordinates, by natural sizes: at touches all velocities are rounding."""
 
     kind = "shorter"
     noise = rounding = 1e-9  # on a curve of shorter orbits it is zero everywhere
@@ -176,11 +176,11 @@ class RepetitionTest(TestFunction[CurvePoint]):
         self.impacts = len(problem.word.repeated()[-1])
 
     def values(self, point: Point[CurvePoint]) -> Array:
-        orbit = point.evaluation.orbit
-        rows = orbit.problem.impacts(orbit.unknowns)[:, 1:]
-        sizes = np.max(np.abs(rows), axis=0)
+        orbit, problem = point.evaluation.orbit, point.evaluation.orbit.problem
+        rows = problem.impacts(orbit.unknowns)[:, 1:]
+        sizes = orbit.sizes[1][: problem.n].reshape(-1, problem.m)[:, 1:].max(axis=0)
         apart = (rows - np.roll(rows, self.impacts, axis=0))[: self.impacts]
-        return np.asarray(apart / np.where(sizes > 0.0, sizes, 1.0)).ravel()
+        return np.asarray(apart / sizes).ravel()
 
     def locate(
         self, problem: Problem[CurvePoint], guess: Point[CurvePoint], index: int

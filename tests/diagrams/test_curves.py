@@ -13,7 +13,7 @@ from zoo import ROOT
 
 from contimpact.continuation.branch import EndKind
 from contimpact.diagrams import curves
-from contimpact.diagrams.curves import LeavingEnd, follow_curve
+from contimpact.diagrams.curves import LeavingEnd, RepetitionTest, follow_curve
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.map_lines import same_curve
 from contimpact.diagrams.orbit_branch import continue_born, continue_orbit
@@ -799,3 +799,15 @@ def test_no_fold_is_born_where_a_touch_that_reverses_friction_has_no_acceleratio
     ((kind, a),) = ((point.kind, point.parameters["a"]) for point in curve.points)
     assert (kind, curve.missed) == ("DG", [])
     assert a == pytest.approx(0.98889683545, abs=1e-10)
+
+
+def test_touches_of_an_orbit_are_the_same_within_rounding():
+    """A curve of orbits that touch twice, with velocities of rounding, had dozens of changes of sign
+    between them that were not located."""
+    model = Oscillator(a=1.0, omega=3.3164175064886990, c=0.05, k=1.0, sigma=0.1, r=0.8)
+    problem = problem_of(model, Word("SS", 2), Kernels(model, "omega", "sigma"))
+    touches = [0.9422847997671447, 2.1e-16, 0.9422847997671450, -1.2e-16]
+    here = problem.evaluate(np.array([*touches, model.values["omega"], model.values["sigma"]]))
+    test = RepetitionTest(problem)
+    values = test.values(SimpleNamespace(evaluation=SimpleNamespace(orbit=here)))
+    assert np.max(np.abs(values)) < test.noise
