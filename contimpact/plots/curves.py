@@ -47,7 +47,7 @@ from ..results.diagram import Diagram
 from ..simulation.attractor import Kind
 from ..simulation.sweep import Row, Sweep
 from .diagram import legend_mark, new_figure, plot_diagram, save_figure, write_heading
-from .lines import label_axis, plain_text, set_label, symbol, values_text
+from .lines import HALO, label_axis, plain_text, set_label, symbol, values_text
 
 # Outlines with as few points as are seen.
 
@@ -363,7 +363,8 @@ def _draw_regions(
         ax.autoscale_view()
     named = dict(reversed([*zip(rows, found, strict=True)]))
     for lane, region in named.items() if len({r.notation for r in found}) > 1 else ():
-        look = {"fontsize": 6.5, "va": "bottom", "transform": ax.get_xaxis_transform()}
+        look: dict[str, Any] = {"fontsize": 6.5, "va": "bottom", "path_effects": HALO}
+        look["transform"] = ax.get_xaxis_transform()
         text = f" {plain_text(region.notation)}"
         ax.text(region.low, LANE * (lane + 0.35), text, clip_on=True, gid="orbit", **look)
     for region, lane in zip(found, rows, strict=True):

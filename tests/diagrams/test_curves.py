@@ -802,8 +802,8 @@ def test_no_fold_is_born_where_a_touch_that_reverses_friction_has_no_acceleratio
 
 
 def test_touches_of_an_orbit_are_the_same_within_rounding():
-    """A curve of orbits that touch twice, with velocities of rounding, had dozens of changes of sign
-    between them that were not located."""
+    """A curve of orbits that touch twice, with velocities of rounding, had dozens of zeros
+    that were not located."""
     model = Oscillator(a=1.0, omega=3.3164175064886990, c=0.05, k=1.0, sigma=0.1, r=0.8)
     problem = problem_of(model, Word("SS", 2), Kernels(model, "omega", "sigma"))
     touches = [0.9422847997671447, 2.1e-16, 0.9422847997671450, -1.2e-16]
