@@ -132,7 +132,10 @@ def solve_at_rest(curve: Curve, at: CurvePoint, impact: int) -> Location | None:
     if not isinstance(system, SingularCycle) or trace_of(here, moved) > NEARLY:
         return None
     resting = RestingCycle(problem, system.mu, impact)
-    found = solve(resting, here)
+    try:
+        found = solve(resting, here)
+    except (ArithmeticError, ValueError, np.linalg.LinAlgError):  # the guess is no orbit
+        return None
     if found is None or trace_of(found.here, moved) > NO_TRACE:
         return None
     own = unit_vector(resting.moved(found.here))

@@ -329,8 +329,9 @@ def solve(system: ExtendedSystem, here: Linearisation, far: float = FAR) -> Solu
             x = x - np.linalg.solve(jacobian, at.residual / units)
             if not near(x[:orbit]):
                 break
-            here = problem.evaluate(x[:orbit])
-            at = system.assemble(here, x[orbit:])
+            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # it may diverge
+                here = problem.evaluate(x[:orbit])
+                at = system.assemble(here, x[orbit:])
         if best is None or best[0] >= CONVERGED:
             return None
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
