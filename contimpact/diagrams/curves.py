@@ -32,6 +32,7 @@ from ..continuation.branch import (
     EndKind,
     Event,
     Location,
+    MissedEvent,
     Point,
     Points,
     Problem,
@@ -256,7 +257,11 @@ def _mean_half(here: Linearisation, short: OrbitProblem) -> Array:
 
 class ShorterEnd(Policy):
     """Ends a walk from which no step leads on at the orbit run twice that is next to its last one:
-    there curves cross, and steps over the crossing may fail."""
+    there curves cross, and steps over the crossing may fail. What is missed so near to it of tests
+    that vanish there is that zero."""
+
+    def __init__(self, tests: Sequence[TestFunction]) -> None:
+        self.tests = tests
 
     def ended(self, walk: Walk) -> Walk:
         last = walk.points[-1]
@@ -272,9 +277,25 @@ class ShorterEnd(Policy):
         here = problem.evaluate(found.unknowns)
         reached = replace(last, evaluation=here, arclength=last.arclength + distance, iterations=0)
         assert isinstance(walk.points, Points)
+        places = np.array([point.arclength for point in walk.points])
+        first = max(int(np.searchsorted(places, reached.arclength - BESIDE_SHORTER)) - 1, 0)
+        beside = [*walk.points[first:], reached]
         walk.points.extend(reached, 0, 1)
-        return replace(walk, end=repetition_end(reached))
+        missed = [one for one in walk.missed if not self._is_end(one, beside)]
+        return replace(walk, end=repetition_end(reached), missed=missed)
 
+    def _is_end(self, missed: MissedEvent, beside: Sequence[Point]) -> bool:
+        """Whether what is missed lies between points, and its test vanishes at the last one."""
+        values = [point.parameter for point in beside]
+        if not all(min(values) <= value <= max(values) for value in missed.parameters):
+            return False
+        tests = [test for test in self.tests if test.kind == missed.kind]
+        first, last = (np.concatenate([t.at(beside[k]) for t in tests]) for k in (0, -1))
+        return bool(np.any(np.abs(last) < VANISHED * np.abs(first)))
+
+
+VANISHED = 1e-2
+"""Part of its value beside an end below which a test function vanishes there."""
 
 BESIDE_SHORTER, AHEAD = 1e-2, 0.9
 """Distance to the orbit run twice at which a curve ends there, if no step leads on, and cosine of
@@ -408,7 +429,7 @@ def walk_curve(
             tests=[*watched, SecondValue(values), *special],
             settings=settings,
             callback=callback,
-            policies=[LeavingEnd(problem.kind, watched), *([ShorterEnd()] if again else [])],
+            policies=[LeavingEnd(problem.kind, watched), *([ShorterEnd(special)] if again else [])],
             meeting=crossing if again or problem.kind.multiplier else None,
             backend=backend_of(problem),
         )

@@ -111,6 +111,7 @@ def test_a_curve_of_folds_ends_at_gpds_and_has_no_cusp_at_an_fb_v():
     entry = next(e for e in folds if abs(e.value - 1.2890103952587) < 1e-8)
     curve = follow_curve(entry, model, "e", (0.6, 4.0), (0.05, 1.0))
     assert [end.kind.name for end in curve.ends] == ["SHORTER", "SHORTER"]
+    assert curve.missed == []  # the form of a cusp vanishes at its ends, too
     assert sorted(point.kind for point in curve.points) == ["CP", *["FB-V"] * 4]
     assert max(point.error for point in curve.points) < 1e-10
 
