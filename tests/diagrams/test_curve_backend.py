@@ -120,6 +120,7 @@ def test_curves_of_integrated_flights_are_not_compiled(monkeypatch):
 def test_a_process_that_has_computed_much_else_compiles_no_short_curve(entries, monkeypatch):
     monkeypatch.setenv("CONTIMPACT_COMPILED", "auto")
     monkeypatch.setattr(compiling, "PAYS_AFTER", 1e6)
+    monkeypatch.setattr(compiling, "PAYS_SOON", 1e6)  # another test may have compiled a like one
     monkeypatch.setattr(compiling, "_SPENT", defaultdict(float, {("another",): 1e9}))
     monkeypatch.setattr(compiling, "_EXPECTED", [0.0])
     monkeypatch.setattr(compiling, "_compile_program", lambda *given: pytest.fail("it compiles"))
