@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..bifurcations.declarations import EVENTS
-from ..diagrams import explore
 from ..errors import InputError, NotWrittenError
 from ..progress import Progress, telling
 from ..results.branch import Branch
@@ -114,6 +113,8 @@ class _NothingComputedError(Exception):
 
 def _run_one(job: _Job, options: argparse.Namespace, interruption: Interruption) -> str | None:
     """Compute and write one scene; returns what ended it early, if something did."""
+    from ..diagrams import explore
+
     began = time.perf_counter()
     scene = job.scene
     with (

@@ -31,9 +31,10 @@ START = (
 LIMITS = 0.05 / 0.6225, START[-1]
 STEPS = {"fixed": Settings(step=0.001024, max_step=0.001024, max_points=5000), "own": Settings()}
 ALL = "FB", "BP", "PD", "G", "V", "T"
-FLIGHTS, LOCATED = 2, {"PD": 10, "G": 11}
+FLIGHTS, LOCATED = 2, {"PD": 12, "G": 11}
 """Flights of the orbit; evaluations of flights that the location of an event in fixed steps takes:
-those of the guess, and a system of four flights twice (PD) or of three thrice (G)."""
+those of the guess, and a system of four flights twice (PD) or of three thrice (G); and those of the
+sizes by which the trace of an impact is measured (PD)."""
 
 without_llvmlite = importlib.util.find_spec("llvmlite") is None
 needs_llvmlite = pytest.mark.skipif(without_llvmlite, reason="the extra 'fast' is not installed")
