@@ -424,7 +424,7 @@ def has_several_coordinates(model: Model, kernels: Kernels) -> bool:
 LONGEST = 65536
 """Impacts of a start made in one call at most."""
 PARTS = 4
-"""Parts of the starts for each thread, so that all end at about the same time."""
+"""Parts of the starts for each thread at least, so that all end at about the same time."""
 AT_A_TIME, OF_DEAR = 8192, 256
 """Periods that compiled code makes of all starts of a part at most, and where flights take long: an
 interruption is noticed between calls."""
@@ -496,9 +496,9 @@ class Batch:
         dear, stopped = self.simulator.machine.dear, threading.Event()
         most = OF_DEAR if dear else AT_A_TIME
         step = max(1, min(periods, most))
-        size = min(math.ceil(len(chosen) / (PARTS * self.threads)), most // step)
-        size = min(size, FEW_STARTS) if dear else size
-        parts = np.split(np.arange(len(chosen)), range(size, len(chosen), size))
+        size = min(most // step, FEW_STARTS) if dear else most // step
+        rounds = max(PARTS, math.ceil(len(chosen) / (size * self.threads)))
+        parts = np.array_split(np.arange(len(chosen)), min(len(chosen), rounds * self.threads))
 
         def make(part: Array) -> None:
             for passed in range(step, periods + step, step):
