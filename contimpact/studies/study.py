@@ -389,8 +389,8 @@ class Study(NotebookResult):
 
     def _row(self, name: str | None) -> Any:
         columns = "study, name, source, record, axes, parameter, derived, scenes"
-        rows = self.rows(f"SELECT {columns} FROM studies WHERE ?1 IS NULL OR name = ?1", [name])
-        found = list(rows)
+        query = f"SELECT {columns} FROM studies WHERE :name IS NULL OR name = :name"
+        found = list(self.rows(query, {"name": name}))
         if len(found) == 1:
             return found[0]
         names = ", ".join(repr(known) for known in studies(self.path))
