@@ -256,3 +256,24 @@ class Preloaded(Model):
             flight={"free": free.flight, "pressed": pressed.flight},
             acceleration={"free": free.acceleration, "pressed": pressed.acceleration},
         )
+
+
+def between_soft_stops(**parameters):
+    """A forced oscillator between two soft stops, whose contacts A to B and L to R last."""
+    law = "a*cos(w*t) - x - 0.1*v"
+    laws = {"free": law, "right": f"{law} - 50*(x - 1/2)", "left": f"{law} - 50*(x + 1/2)"}
+    guards = {
+        "A": {"mode": "free", "within": "x <= 1/2", "to": "right"},
+        "B": {"mode": "right", "within": "x >= 1/2", "to": "free"},
+        "L": {"mode": "free", "within": "x >= -1/2", "to": "left"},
+        "R": {"mode": "left", "within": "x <= -1/2", "to": "free"},
+    }
+    model = {
+        "system": "hybrid",
+        "period": "2*pi/w",
+        "parameters": parameters,
+        "modes": {mode: {"x": "v", "v": text} for mode, text in laws.items()},
+        "guards": guards,
+    }
+    follow = {"parameter": "w", "range": [0.5, 2.0], "orbits": ["ABLR"]}
+    return read_scene({"name": "between soft stops", "model": model, "follow": follow}).model

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 from scipy.optimize import fsolve
+from zoo import between_soft_stops
 
 from contimpact.bifurcations.extended_system import is_near, least_trace
 from contimpact.diagrams.curves import follow_curve
@@ -16,7 +17,6 @@ from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.models.guards import Word
 from contimpact.orbits.quiet import problem_of
 from contimpact.orbits.search import orbit_at
-from contimpact.results.scene import read_scene
 from contimpact.segments.kernels import Kernels
 from contimpact.systems.soft_stop import SoftStop
 
@@ -120,29 +120,7 @@ def test_a_curve_of_folds_ends_at_gpds_and_has_no_cusp_at_an_fb_v():
 @pytest.mark.full
 def test_a_curve_passes_contacts_of_next_to_no_duration_and_slow_doublings_that_turn():
     """Steps failed beside the first PD-V, and a GPD with an impact below 1e-4 was left out."""
-    law = "a*cos(w*t) - x - 0.1*v"
-    model = read_scene(
-        {
-            "name": "between soft stops",
-            "model": {
-                "system": "hybrid",
-                "period": "2*pi/w",
-                "parameters": {"a": 0.671121, "w": 0.77905970591649},
-                "modes": {
-                    "free": {"x": "v", "v": law},
-                    "right": {"x": "v", "v": f"{law} - 50*(x - 1/2)"},
-                    "left": {"x": "v", "v": f"{law} - 50*(x + 1/2)"},
-                },
-                "guards": {
-                    "A": {"mode": "free", "within": "x <= 1/2", "to": "right"},
-                    "B": {"mode": "right", "within": "x >= 1/2", "to": "free"},
-                    "L": {"mode": "free", "within": "x >= -1/2", "to": "left"},
-                    "R": {"mode": "left", "within": "x <= -1/2", "to": "free"},
-                },
-            },
-            "follow": {"parameter": "w", "range": [0.5, 2.0], "orbits": ["ABLR"]},
-        }
-    ).model
+    model = between_soft_stops(a=0.671121, w=0.77905970591649)
     rows = [7.783552745, 1.144071988], [8.229320239, -1.117570264]
     later = [9.909702838, 0.011227632], [9.872225587, -0.011362968]
     place = Word("ABLR", 1), [*rows, *later], "w", (0.7785, 0.7795), ["PD"]

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from zoo import ROOT
+from zoo import ROOT, between_soft_stops
 
 from contimpact.continuation.branch import EndKind
 from contimpact.diagrams import curves
@@ -727,29 +727,7 @@ def test_nothing_is_missed_at_an_end_in_a_shorter_orbit(name):
 def test_a_doubling_whose_contact_ends_at_rest_is_no_turning_point_but_a_pd_v():
     """C(1) is singular there, as C(-1) is, without a multiplier: a GPD was located, at which the
     coefficient is 0.0132, and the PD-V was not, since no point is reached close to it."""
-    law = "a*cos(w*t) - x - 0.1*v"
-    model = read_scene(
-        {
-            "name": "between soft stops",
-            "model": {
-                "system": "hybrid",
-                "period": "2*pi/w",
-                "parameters": {"a": 0.671121, "w": 0.8892004309986946},
-                "modes": {
-                    "free": {"x": "v", "v": law},
-                    "right": {"x": "v", "v": f"{law} - 50*(x - 1/2)"},
-                    "left": {"x": "v", "v": f"{law} - 50*(x + 1/2)"},
-                },
-                "guards": {
-                    "A": {"mode": "free", "within": "x <= 1/2", "to": "right"},
-                    "B": {"mode": "right", "within": "x >= 1/2", "to": "free"},
-                    "L": {"mode": "free", "within": "x >= -1/2", "to": "left"},
-                    "R": {"mode": "left", "within": "x <= -1/2", "to": "free"},
-                },
-            },
-            "follow": {"parameter": "w", "range": [0.8, 1.0], "orbits": ["ABLR"]},
-        }
-    ).model
+    model = between_soft_stops(a=0.671121, w=0.8892004309986946)
     problem = problem_of(model, Word("ABLR", 1), Kernels(model, "w"))
     rows = [6.88839, 1.00617], [7.33494, -0.9846], [10.003, -0.01199], [9.64812, 0.00317]
     orbit = orbit_at(problem, np.append(rows, model.values["w"]))
