@@ -23,7 +23,6 @@ from ..segments.kernel import Family
 from ..segments.kernels import Kernels
 from ..segments.segment import ARRAYS, Kernel, evaluate_in, neighbouring_guards
 from .flights import FlightInState, first_hit, fly_in_time, motion_at, start_integrated
-from .linear_flights import runs_of
 from .run import (
     Body,
     Call,
@@ -419,5 +418,7 @@ class OneCoordinate:
         all are integrated or follow laws."""
         if self.zeros is not None:
             return None
+        from .linear_flights import runs_of
+
         fixed = self.kernels, self.values, self.positions, self.restitution
         return runs_of(Setting(*fixed, self.period, self.longest, self.body.slow))

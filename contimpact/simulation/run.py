@@ -788,8 +788,8 @@ class Setting(NamedTuple):
     period: float
     longest: int
     slow: Sequence[float] = ()
-    """`positions`, `restitution`, `slow`: of each guard; the last as of `FLIGHTS`, none given where
-    no impact is."""
+    """`positions`, `restitution`, `slow`: of each guard. `slow` is as of `FLIGHTS`; without it no
+    flight is left to plain Python for its velocity."""
     laws: Sequence[Any] = ()
     """Of the flight after each guard."""
 
