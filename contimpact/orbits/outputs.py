@@ -22,7 +22,7 @@ from ..errors import InputError
 from ..models.expressions import values_of
 from ..models.model import Model
 from ..models.outputs import CONTACT, TIME, VOLTAGE, Output, check_output, state_names
-from ..segments.segment import ARRAYS, FLOATS, evaluate_in
+from ..segments.segment import ARRAYS, evaluate_in
 from .problem import Linearisation, motion_of
 from .quiet import problem_in
 
@@ -385,9 +385,9 @@ def _highest(function: Callable[[float], float], low: float, high: float) -> flo
 @functools.cache
 def _moving_numbers() -> tuple[Arithmetic, Arithmetic]:
     """Numbers, and arrays of them, with their derivatives; imported where they are asked for."""
-    from ..segments.derivatives import series
+    from ..segments.derivatives import FLOAT_SERIES, series
 
-    return series(FLOATS), series(ARRAYS)
+    return FLOAT_SERIES, series(ARRAYS)
 
 
 _Moving: TypeAlias = "tuple[list[list[Series]], list[Series], list[Series]]"

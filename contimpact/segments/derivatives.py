@@ -502,7 +502,7 @@ RECORDED = Arithmetic(
 Derivatives: TypeAlias = Callable[..., Any]
 """Derivatives of a kernel, as a function of floats."""
 
-SERIES = series(RECORDED)
+FLOAT_SERIES, RECORDED_SERIES = series(FLOATS), series(RECORDED)
 
 
 @functools.lru_cache(maxsize=256)
@@ -544,7 +544,7 @@ def _evaluate_along(
         for name in names
     ]
     arguments = [*names[:ends], *along.values(), *names[ends:]]
-    return tape, arguments, evaluate_in(kernel, SERIES)(*given)
+    return tape, arguments, evaluate_in(kernel, RECORDED_SERIES)(*given)
 
 
 def _coefficient(number: Any, order: int) -> Any:

@@ -16,11 +16,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..arrays import Array, Number
-from .derivatives import Series, series
+from .derivatives import FLOAT_SERIES, Series
 from .integrated_flight import rounding_scale
 from .integration import KEPT, integrator, statement
 from .kernel import SECTION, Blocks, CombinedBlocks, Row, differences_grow
-from .segment import ELSEWHERE, FLOATS, Arithmetic, ClosedForm, KernelSource, Numbers, evaluate_in
+from .segment import ELSEWHERE, Arithmetic, ClosedForm, KernelSource, Numbers, evaluate_in
 from .track import IntegratedTrack, join_flights
 
 # Long flights in pieces: multiple shooting between where a flight leaves and where it arrives.
@@ -501,7 +501,7 @@ class IntegratedForm(ClosedForm):
             asked[:] = field, directions, numbers
             return [*given, *[0.0] * (count * len(directions.split()))]
 
-        names = {**SERIES.names, "flown": flown}
+        names = {**FLOAT_SERIES.names, "flown": flown}
         size = len(ends[0])
         moving = [Series(row) for row in ends]
         parameters = [Series(x) if isinstance(x, list) else x for x in values]
@@ -510,9 +510,6 @@ class IntegratedForm(ClosedForm):
         return EvaluatedKernel(
             field, directions, _coefficients(numbers, size), _coefficients(rows, size)
         )
-
-
-SERIES = series(FLOATS)
 
 
 def _coefficients(numbers: Sequence[Any], size: int) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..models.guards import Guard, pivot
-from ..segments.derivatives import Series, series
+from ..segments.derivatives import FLOAT_SERIES, Series
 from ..segments.flight import (
     breaks_of,
     chebyshev_coefficients,
@@ -27,7 +27,7 @@ from ..segments.kernel import Family
 from ..segments.kernels import Kernels
 from ..segments.linear_flow import Shape, flow
 from ..segments.oscillation import Motion
-from ..segments.segment import ARRAYS, FLOATS, Arithmetic, Kernel, evaluate_in
+from ..segments.segment import ARRAYS, Arithmetic, Kernel, evaluate_in
 from ..segments.track import IntegratedCurve, IntegratedTrack, Pieces, Track
 from .run import Body, State
 
@@ -528,13 +528,10 @@ class KernelWindow:
 Window: TypeAlias = LinearWindow | KernelWindow
 
 
-SERIES = series(FLOATS)
-
-
 def jump_derivative(kernels: Kernels, guard: str, state: State, values: Sequence[float]) -> Array:
     """Return how positions and velocities after an impact on a guard depend on the section
     coordinates before it, shape (2 d, 2 d - 1)."""
-    law, d = evaluate_in(kernels.law(guard), SERIES), kernels.model.DEGREES_OF_FREEDOM
+    law, d = evaluate_in(kernels.law(guard), FLOAT_SERIES), kernels.model.DEGREES_OF_FREEDOM
     columns = []
     for j in range(2 * d - 1):
         section = [Series([y, float(i == j)]) for i, y in enumerate(state.section)]
