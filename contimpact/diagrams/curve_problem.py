@@ -12,7 +12,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -330,20 +330,24 @@ class OtherKindTest(TestFunction):
         self.kind, self.test, self.own, self.without = f"{name}, {test.kind}", test, own, without
 
     def values(self, point: Point) -> Array:
-        here: AnyCurvePoint = point.evaluation
-        values = _values(self.test, _CurvePoint(here.orbit, here.own[self.own], here.details))
+        values = _values(self.test, self.of_one(point).evaluation)
         if self.without is not None:
             values[self.without] = np.nan
         return values
 
+    def of_one(self, point: Point) -> Point[_CurvePoint]:
+        """Return a point as one of that kind's curve."""
+        here: AnyCurvePoint = point.evaluation
+        return replace(point, evaluation=_CurvePoint(here.orbit, here.own[self.own], here.details))
+
     def enters(self, point: Point, index: int) -> bool:
-        return self.test.enters(point, index)
+        return self.test.enters(self.of_one(point), index)
 
     def accept(self, event: Event) -> bool:
-        return self.test.accept(event)
+        return self.test.accept(replace(event, point=self.of_one(event.point)))
 
     def details(self, point: Point, index: int) -> Details:
-        return self.test.details(point, index)
+        return self.test.details(self.of_one(point), index)
 
 
 def _values(test: CurveTest, here: _CurvePoint) -> Array:

@@ -155,6 +155,19 @@ def test_codimension_three_is_the_same_in_either_family():
     assert found[0] == [pytest.approx(place, rel=1e-11) for place in found[1]]
 
 
+def test_a_cusp_is_accepted_on_a_curve_of_two_kinds():
+    """Own unknowns of grazing and of a fold are told apart: a null vector had 7 entries for 6."""
+    diagram = load_diagram(ROOT / "branches" / "fig6_A")
+    curve, point = next((c, p) for c in diagram.curves for p in c.points if p.id == "c8.1")
+    entry = next(e for branch in diagram.branches for e in branch.events if e.id == curve.origin)
+    ranges = [(0.01, 1.5), (0.03, 0.3), (0.19, 0.54)]
+    found = follow_codim2(entry, point, second="r", third="beta", ranges=ranges)
+    known = [p for c in diagram.codim2_curves for p in c.points if p.kind in ("FB-G, CP", "turn")]
+    for kind in ("FB-G, CP", "turn"):
+        place = point_of(found, kind).parameters["r"]
+        assert min(abs(p.parameters["r"] / place - 1.0) for p in known if p.kind == kind) < 1e-10
+
+
 @pytest.mark.full
 def test_a_scene_follows_each_point_once(tmp_path):
     given = scene(
