@@ -190,7 +190,7 @@ def _log_told(teller: Teller) -> Iterator[None]:
     class Handler(logging.Handler):
         def emit(self, record: Any) -> None:
             if record.levelno >= logging.WARNING:
-                teller.say(f"contimpact: {record.getMessage()}")
+                teller.say(f"contimpact: {self.format(record)}")
             else:
                 teller(record.getMessage())
 

@@ -22,6 +22,7 @@ from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.problem import Summary as PointSummary
 from ..orbits.status import PHYSICAL, Verdict, count_unstable, reason_of
 from ..segments.kernels import Kernels
+from ..storage import logger
 from .branch import (
     Branch,
     Entry,
@@ -283,14 +284,23 @@ def _curve_line(curve: Curve) -> str:
 
 INTERRUPTED = "interrupted"
 """Reason of a computation that the keyboard ended early."""
-ENDING = KeyboardInterrupt, ArithmeticError, np.linalg.LinAlgError
+ENDING = KeyboardInterrupt, Exception
 """What ends a computation early; what was computed until then is kept."""
+NUMERICAL = ArithmeticError, np.linalg.LinAlgError
 
 
 def failure_of(error: BaseException) -> str:
-    """Return what is said of a computation that one of `ENDING` has ended."""
+    """Return what is said of a computation that one of `ENDING` has ended.
+
+    Input that cannot be used, and a package that is missing, are raised again. Of anything but
+    numerical failures the traceback is logged.
+    """
+    if isinstance(error, (InputError, ImportError)):
+        raise error
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED
+    if not isinstance(error, NUMERICAL):
+        logger(__name__).error("this error is not expected; please report it", exc_info=error)
     return f"the computation failed ({type(error).__name__}: {error})"
 
 

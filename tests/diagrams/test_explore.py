@@ -22,6 +22,7 @@ from contimpact import (
     read_scene,
     write_diagram,
 )
+from contimpact.bifurcations.doubling import DoublingTurns
 from contimpact.diagrams import starting_orbits
 from contimpact.orbits.search import Search
 from contimpact.results.catalogue import catalogue_text
@@ -283,6 +284,31 @@ def test_what_failed_is_in_the_catalogue():
     assert content["interrupted"].startswith(
         "the computation failed (ZeroDivisionError: of a test), while following b1"
     )
+
+
+def test_what_nobody_expects_keeps_the_branches_and_logs_where_it_was(monkeypatch, caplog):
+    """A mistake in a test function of curves lost all that had been followed before."""
+    monkeypatch.setattr(DoublingTurns, "of", lambda test, here: [][1])
+    curves = {"parameter": "r", "range": [0.2, 0.6], "kinds": ["PD"]}
+    diagram = follow(read_scene({**SMALL, "curves": curves}))
+    assert diagram.branches
+    assert not diagram.curves
+    expected = "the computation failed (IndexError: list index out of range)"
+    assert diagram.statistics["failure"] == expected
+    assert "in <lambda>" in caplog.text
+    assert "please report it" in caplog.text
+
+
+@pytest.mark.parametrize(
+    "error", [InputError("r", "of a test", "none"), ModuleNotFoundError("of a test")]
+)
+def test_what_the_user_can_mend_is_raised(error: Exception):
+    def progress(text):
+        if "following b1" in text:
+            raise error
+
+    with pytest.raises(type(error), match="of a test"):
+        follow(small(), progress)
 
 
 @pytest.mark.full
