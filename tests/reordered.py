@@ -102,10 +102,14 @@ class Judge:
 
 
 def scatters(one: Difference, old: Table) -> bool:
-    """Whether a point's residual is no larger than that of some other point of its branch: where
-    orbits are sensitive, residuals are rounding, and differ tenfold from point to point."""
+    """Whether a point's residual is no larger than that of some other point of its branch or curve:
+    where orbits are sensitive, residuals are rounding, and differ tenfold from point to point."""
     column = [x for place, x in old.items() if place.endswith("/residual") and is_number(x)]
-    return one.file.startswith("branches/") and is_number(one.new) and one.new <= max(column)
+    return (
+        one.file.startswith(("branches/", "curves/"))
+        and is_number(one.new)
+        and one.new <= max(column)
+    )
 
 
 def irregular(one: Difference, old: Table, new: Table) -> bool:

@@ -250,8 +250,19 @@ def test_scenes_are_checked(capsys):
     assert "no scene fig99" in capsys.readouterr().err
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", same_results.SCENES)
+LONG = ["fig3a", "fig3b", "fig3c", "fig6a", "fig6b", "fig6c", "fig6d", "fig7", "fig8"]
+"""Their maps or simulations take half a minute or more."""
+ONE_SIDED = ["soft_pair_friction"]
+"""The multipliers at a V jump, and the sign of a velocity of 1e-17 says which one is given."""
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow if name in LONG + ONE_SIDED else pytest.mark.full)
+        for name in same_results.SCENES
+    ],
+)
 def test_committed_results_are_made_again(name):
     """To their stated errors: other machines round otherwise."""
     assert same_results.main(["compare", str(BRANCHES), name, "--reordered"]) == 0
