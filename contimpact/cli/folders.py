@@ -286,7 +286,13 @@ def _certify_or_verify(folder: Path, options: argparse.Namespace) -> int:
         else:
             with hold_folder(folder, (FILE, ROWS)):
                 results = open_results(folder)
-                found = certify_results(results, settings_of(results), progress=tell, keep=True)
+                try:
+                    found = certify_results(results, settings_of(results), progress=tell, keep=True)
+                except KeyboardInterrupt:
+                    kept = folder / ROWS
+                    if kept.exists():
+                        complain(f"what was proven is in {kept}; the same command goes on from it")
+                    raise
                 write_certificates(results, found)
     _complain_of_end(folder, results.diagram.statistics.get("stopped"))
     if not options.quiet:

@@ -481,8 +481,14 @@ def transient(n: int, b: int, c: Number, k: Number, t: Number) -> Number:
     size = (abs(c) + abs(k).sqrt()).upper()
     reach = abs(here).upper()
     bits = ctx.prec
-    with ctx.workprec(_round_up(bits + 20 + math.ceil(3 * float(size * reach)), 32)):
-        terms = _round_up(_terms(n, b, float(size * reach), bits, length), 16)
+    long = float(size * reach)
+    if float(size * here.rad()) > WIDE:
+        found = [arb(0, math.inf)] * length
+        return arb_series(found, prec=length) if isinstance(t, arb_series) else found[0]
+    if long > LONG and (closed := _from_roots(n, b, c, k, here, length)) is not None:
+        return compose(closed, t) if isinstance(t, arb_series) else closed[0]
+    with ctx.workprec(_round_up(bits + 20 + math.ceil(3 * long), 32)):
+        terms = _round_up(_terms(n, b, long, bits, length), 16)
         near = _polynomial(n, b, c, k, terms)(arb_poly([here.mid(), 1]))
         if here.rad() != 0:
             near = near(arb_poly([here - here.mid(), 1]))
@@ -552,6 +558,59 @@ def _left_out(n: int, b: int, size: Number, reach: Number, terms: int, i: int) -
     ways = math.comb(terms + 2 * b - 1, 2 * b - 1) * math.comb(power, i)
     term = ways * size**terms * reach ** (power - i) / math.factorial(terms + degree)
     return (2 * term).upper()
+
+
+WIDE = 8.0
+"""Radius of a ball of times, times the size of roots, from which on power series enclose next to
+nothing: the largest is their number e times that."""
+LONG = 30.0
+"""Times the size of roots, of a time from which on power series have too many terms."""
+APART = 16.0
+"""Least product of p = k - c^2/4 and the time squared for closed forms: roots are apart."""
+BEYOND = 3
+"""Taylor coefficients behind those asked for, the last of them over the whole ball of times."""
+
+
+def _from_roots(n: int, b: int, c: Number, k: Number, here: Number, length: int) -> Number:
+    """The Taylor coefficients of a mean from its closed form; None where that cancels.
+
+    A ball of times is left at its middle: what Taylor's formula leaves out there is the last
+    coefficient at all times of the ball.
+    """
+    p, order = k - c * c / 4, length + BEYOND
+    if not (k != 0 and (p > 0 or p < 0) and abs(p) * here * here > APART):
+        return None
+    with ctx.workprec(ctx.prec + 40):
+        middle = _mean(n, b, c, k, p, arb_series([here.mid(), 1], prec=order))
+        around = _mean(n, b, c, k, p, arb_series([here, 1], prec=order + 1))
+        taylor = arb_poly([*(middle[i] for i in range(order)), around[order]])
+        found = taylor(arb_poly([here - here.mid(), 1]))
+    return arb_series([+found[i] for i in range(length)], prec=length)
+
+
+def _mean(n: int, b: int, c: Number, k: Number, p: Number, t: Number) -> Number:
+    r"""The mean (n, b), or the function of time, on a power series of times.
+
+    With :math:`D = s^2 + cs + k` the inverse transform of :math:`1/D^b` is
+    :math:`e^{-ct/2} h_b(t)`, :math:`h_1 = \sin(\sqrt p\,t)/\sqrt p` or its hyperbolic form. As
+    :math:`t\,h_b = 2b\,h_{b+1}'` and :math:`h_{b+1}'' + p\,h_{b+1} = h_b`,
+
+    .. math:: 2bp\,h_{b+1} = (2b - 1)\,h_b - t\,h_b' .
+
+    Other powers of s follow from :math:`s^2/D^b = 1/D^{b-1} - cs/D^b - k/D^b`, without impulses.
+    """
+    root = abs(p).sqrt()
+    sine, cosine = (root * t).sin_cos() if p > 0 else (_sinh(root * t), _cosh(root * t))
+    decay, motion, rate = (-c * t / 2).exp(), sine / root, cosine
+    row: list[Number] = [arb(1), *[arb(0)] * (n + 1)]  # from n = -1 on, of b = 0
+    for power_of_d in range(1, b + 1):
+        before, row = row, [None, decay * motion, decay * (rate - c / 2 * motion)]
+        row[0] = (before[0] - row[2] - c * row[1]) / k
+        for m in range(2, n + 1):
+            row.append(before[m - 1] - c * row[-1] - k * row[-2])
+        doubled = 2 * power_of_d
+        motion, rate = ((doubled - 1) * motion - t * rate) / (doubled * p), t * motion / doubled
+    return row[n + 1] / power(t, 2 * b - 1 - n) if n < 2 * b else row[n + 1]
 
 
 NEAR_ZERO = 0.5

@@ -326,6 +326,22 @@ def test_an_interrupted_proof_goes_on(folder, monkeypatch):
     assert CertificateLog(path, "of another").rows == {}
 
 
+def test_an_interruption_says_where_what_was_proven_is(folder, monkeypatch, capsys):
+    from contimpact.certificates import certify as doors
+
+    def interrupted(entry, *given):
+        if entry.id == "e2":
+            raise KeyboardInterrupt
+        return certify_entry(entry, *given)
+
+    monkeypatch.setattr(doors, "certify_entry", interrupted)
+    assert main(["certify", str(folder), "-q"]) == 1
+    said = (
+        f"what was proven is in {folder / 'certificates.jsonl'}; the same command goes on from it"
+    )
+    assert said in capsys.readouterr().err
+
+
 def test_without_the_extra_the_command_says_what_to_install(folder, monkeypatch, capsys):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert main(["certify", str(folder)]) == 2

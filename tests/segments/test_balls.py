@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import mpmath
 import numpy as np
 import pytest
@@ -124,6 +126,39 @@ def test_free_motions_are_enclosed_on_wide_times():
                 at = MP.mpf(t) + MP.mpf(radius) * part
                 exact = PLAIN.names[f"transients{order}"](MP.mpf(c), MP.mpf(k), at)
                 assert all(holds(x, y) for x, y in zip(found, exact, strict=True))
+
+
+LONG_MOTIONS = [(1.0, 40.0, 6.0), (0.0, 90.0, 5.0), (30.0, 2.0, 4.0), (-1.0, 50.0, 7.0)]
+LONG_MOTIONS += [(5.0, -3.0, 8.0), (100.0, 1e4, 0.7)]
+
+
+@pytest.mark.parametrize(("c", "k", "t"), LONG_MOTIONS)
+def test_long_free_motions_have_closed_forms(monkeypatch, c, k, t):
+    """They are as narrow as the power series, of which those of a stiff stop have 3,800 bits."""
+    closed, about = [], (arb(c), arb(k))
+    for bound in (math.inf, balls.LONG):
+        monkeypatch.setattr(balls, "LONG", bound)
+        for time in (arb(t), arb(t, 1e-7), arb_series([arb(t, 1e-7), 1], prec=3)):
+            found = [balls.transient(n, b, *about, time) for n, b in plain.TABLES[4]]
+            series = isinstance(time, arb_series)
+            closed.append([one[i] for one in found for i in range(3)] if series else found)
+    for one, other in zip(closed[:3], closed[3:], strict=True):
+        for x, y in zip(one, other, strict=True):
+            assert x.overlaps(y)
+            assert y.rad() <= 1.01 * x.rad() + 1e-30 * abs(y.mid())
+
+
+def test_a_long_free_motion_of_many_decay_times():
+    """Damping takes a stiff stop's motion to 1e-137 within a period."""
+    exact = PLAIN.names["transients4"](MP.mpf(100), MP.mpf(10**4), MP.mpf(2 * math.pi))
+    found = balls.balls(128).names["transients4"](arb(100), arb(10**4), arb(2 * math.pi))
+    assert all(holds(x, y) for x, y in zip(found, exact, strict=True))
+    assert all(x.rad() <= 1e-30 * abs(x.mid()) for x in found)
+
+
+def test_a_time_that_is_hardly_known_says_nothing():
+    found = balls.transient(0, 1, arb(100), arb(10**4), arb(3.0, 3.0))
+    assert not found.is_finite()
 
 
 def test_what_is_not_decided_is_refused():
