@@ -26,17 +26,7 @@ from ..arrays import Array, Number, Vector
 from ..syntax import parse, parse_expression
 from . import integrated_flight, linear_flow
 from .kernel import Family, Setup
-from .segment import (
-    FLOATS,
-    FUNCTIONS,
-    PLAIN,
-    Arithmetic,
-    ClosedForm,
-    Kernel,
-    Numbers,
-    Segment,
-    evaluate_in,
-)
+from .segment import FLOATS, FUNCTIONS, PLAIN, Arithmetic, Kernel, Numbers, Segment, evaluate_in
 from .transients import HIGHEST, TABLES, TOGETHER, transients
 
 # Kernels with bounds of their rounding errors as scalar code, for plain runs and for compiling.
@@ -532,7 +522,7 @@ BOUNDED = Arithmetic(
 def bounds_of(segment: Segment, start: Numbers, end: Numbers, values: Numbers) -> Any:
     """Return the blocks of a segment, and bounds of their errors in the same layout, from the
     arguments of `Segment.blocks`; floats among them are exact."""
-    if isinstance(segment, ClosedForm):
+    if isinstance(segment, Segment):
         found = _by_pairs(segment.kernel, [*start, *end, *values])
         if found is not None:
             return found

@@ -20,7 +20,7 @@ from .derivatives import FLOAT_SERIES, Series
 from .integrated_flight import rounding_scale
 from .integration import KEPT, integrator, statement
 from .kernel import SECTION, Blocks, CombinedBlocks, Row, differences_grow
-from .segment import ELSEWHERE, Arithmetic, ClosedForm, KernelSource, Numbers, evaluate_in
+from .segment import ELSEWHERE, Arithmetic, KernelSource, Numbers, Segment, evaluate_in
 from .track import IntegratedTrack, join_flights
 
 # Long flights in pieces: multiple shooting between where a flight leaves and where it arrives.
@@ -400,8 +400,8 @@ class EvaluatedKernel(NamedTuple):
     residual: Array
 
 
-class IntegratedForm(ClosedForm):
-    """The flight from one wall to another, integrated; see `segment.Segment`."""
+class IntegratedForm(Segment):
+    """The flight from one wall to another, integrated."""
 
     def __init__(self, kernels: KernelSource, start: str, end: str) -> None:
         super().__init__(kernels, start, end)

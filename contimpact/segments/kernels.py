@@ -22,7 +22,7 @@ from ..models.sources import digests
 from ..storage import cache_folder, load_file, logger, reason, store_file, warn_uncached
 from .bounded import bounded_kernel
 from .kernel import SECTION, Family, Setup, differences_grow
-from .segment import ELSEWHERE, ClosedForm, Kernel, Passages, kernel_of, passages_of
+from .segment import ELSEWHERE, Kernel, Passages, Segment, kernel_of, passages_of
 
 # What of a system was compared: kept in the cache, so that a warm check does without SymPy.
 
@@ -122,7 +122,7 @@ class Kernels:
         self.generated: list[str] = []
         self._functions: dict[str, Kernel] = {}
         self._derivatives: dict[str, Callable[..., Any]] = {}
-        self._segments: dict[tuple[str, str], ClosedForm] = {}
+        self._segments: dict[tuple[str, str], Segment] = {}
         self._linear: dict[str, bool] = {}
         self.unforced: set[tuple[float, ...]] = set()
         """Parameter values about which motions were seen not to depend on the time."""
@@ -204,7 +204,7 @@ class Kernels:
             if not are_parallel(guard.row(size), guards[reached].row(size))
         ]
 
-    def segment(self, start: str, end: str) -> ClosedForm:
+    def segment(self, start: str, end: str) -> Segment:
         """The segment from one wall to another, by their letters.
 
         Raises InputError if the second cannot follow the first.
@@ -215,7 +215,7 @@ class Kernels:
                 accepted = f"after {start} can come {' or '.join(after)}"
                 raise InputError("word", f"it has {end} after {start}", accepted)
         if (start, end) not in self._segments:
-            form = ClosedForm
+            form = Segment
             if self.flown(start, end):
                 from .integrated_form import IntegratedForm
 

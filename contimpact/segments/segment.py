@@ -2,11 +2,11 @@
 
 A segment is one smooth piece of an orbit, from the impact it leaves to the one it reaches. An orbit
 problem closes segments into an orbit and asks them for everything; it knows nothing of how they are
-computed. `ClosedForm` answers with generated kernels.
+computed.
 
 The unknowns of an impact are its time and its section coordinates before impact: m of them where
 the segment starts, m where it ends, and m equations. Parameter values are all of the model's, in
-its order; derivatives are taken with respect to the `Source.parameters` among them.
+its order; derivatives are taken with respect to the free ones among them.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from ..models.model import Model
 from . import integrated_flight, kernel, linear_flow, transients
 from . import transients as array_transients
 from . import transients as stumpff
-from .kernel import ELEMENTARY, SECTION, Blocks, Row, Setup, cube, function_of, power, square
+from .kernel import ELEMENTARY, SECTION, Blocks, Row, cube, function_of, power, square
 from .kernel import FUNCTIONS as FUNCTIONS
 from .kernel import Kernel as Kernel
 
@@ -296,95 +296,12 @@ class KernelSource(Protocol):
         ...
 
 
-class Segment(Protocol):
-    """One smooth piece of an orbit between two guards.
-
-    Attributes
-    ----------
-    name : str
-        The letters of the guards it leaves and reaches.
-    """
-
-    name: str
-
-    def blocks(self, start: Numbers, end: Numbers, values: Numbers) -> Blocks:
-        """Return residual and first derivatives.
-
-        Parameters
-        ----------
-        start, end : sequence of shape (m,)
-            Unknowns of the impacts left and reached.
-        values : sequence
-            Parameter values.
-
-        Returns
-        -------
-        residual : tuple of shape (m,)
-            What arrives, less what `end` says.
-        start, end, by_parameter : tuple of shape (m * m,), (m * m,), (m * free,)
-            Its derivatives, row by row.
-        """
-        ...
-
-    def over(self, arithmetic: Arithmetic) -> Callable[[Numbers, Numbers, Numbers], Blocks]:
-        """Return `blocks` for the numbers of another arithmetic."""
-        ...
-
-    def second(self, start: Numbers, end: Numbers, along: Numbers, values: Numbers) -> Blocks:
-        """Return the derivatives of `blocks` along a direction.
-
-        Parameters
-        ----------
-        along : sequence of shape (2 * m + free,)
-            Rates of the unknowns at the start, at the end, and of the free parameters.
-        """
-        ...
-
-    def third(self, start: Numbers, end: Numbers, along: Numbers, values: Numbers) -> Row:
-        """Return the third derivatives of the residual along a direction, shape (m,).
-
-        Parameters
-        ----------
-        along : sequence of shape (2 * m,)
-            Rates of the unknowns at the start and at the end; parameters are held.
-        """
-        ...
-
-    def track(self, start: Numbers, dt: Number, values: Numbers) -> tuple[Number, Number, Number]:
-        """Return how the gap coordinate moves: displacement from the guard left, velocity and
-        acceleration at the time dt after leaving.
-
-        Its extrema, and where it first arrives at a wall, are found by `flight.excursions` and
-        `flight.first_arrival`.
-        """
-        ...
+# Segments, answered by generated kernels.
 
 
-class Source(Protocol):
-    """Where an orbit problem has its segments from.
-
-    Attributes
-    ----------
-    parameters : tuple of str
-        The free parameters: one, or two on curves.
-    """
-
-    parameters: tuple[str, ...]
-
-    def segment(self, start: str, end: str) -> Segment:
-        """Return the segment from one guard to another, by their letters."""
-        ...
-
-    def setup(self, *values: Number) -> Setup:
-        """Return what depends on the parameters alone."""
-        ...
-
-
-# Segments with a closed form, answered by generated kernels.
-
-
-class ClosedForm:
-    """The flight from one wall to another, in closed form; see `Segment`."""
+class Segment:
+    """One smooth piece of an orbit between two guards, by default in closed form; its `name` is the
+    letters of the guards it leaves and reaches."""
 
     def __init__(self, kernels: KernelSource, start: str, end: str) -> None:
         self.name = start + end
@@ -392,7 +309,12 @@ class ClosedForm:
         self._flight = kernels.flight(start, end)
 
     def blocks(self, start: Numbers, end: Numbers, values: Numbers) -> Blocks:
-        """Return residual and first derivatives."""
+        """Return residual and first derivatives.
+
+        `start` and `end` are the m unknowns of the impacts left and reached. The residual (m,) is
+        what arrives, less what `end` says; its derivatives by both and by the free parameters, of
+        shape (m * m,), (m * m,) and (m * free,), are row by row.
+        """
         return self._flight(*start, *end, *values)
 
     def over(self, arithmetic: Arithmetic) -> Callable[[Numbers, Numbers, Numbers], Blocks]:
@@ -406,15 +328,22 @@ class ClosedForm:
         return self._flight
 
     def second(self, start: Numbers, end: Numbers, along: Numbers, values: Numbers) -> Blocks:
-        """Return the derivatives of `blocks` along a direction."""
+        """Return the derivatives of `blocks` along a direction: rates of the unknowns at the start,
+        at the end, and of the free parameters, shape (2 * m + free,)."""
         return self._kernels.second(*self._walls)(*start, *end, *along, *values)
 
     def third(self, start: Numbers, end: Numbers, along: Numbers, values: Numbers) -> Row:
-        """Return the third derivatives of the residual along a direction."""
+        """Return the third derivatives of the residual along a direction of the unknowns at both
+        ends, shape (m,); parameters are held."""
         return self._kernels.third(*self._walls)(*start, *end, *along, *values)
 
     def track(self, start: Numbers, dt: Number, values: Numbers) -> tuple[Number, Number, Number]:
-        """Return displacement, velocity and acceleration of the gap coordinate."""
+        """Return how the gap coordinate moves: displacement from the guard left, velocity and
+        acceleration at the time dt after leaving.
+
+        Its extrema, and where it first arrives at a wall, are found by `flight.excursions` and
+        `flight.first_arrival`.
+        """
         return self._motion(*start, dt, *values)
 
     @functools.cached_property
