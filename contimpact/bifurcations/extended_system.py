@@ -28,7 +28,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -59,8 +59,9 @@ OrbitEvent: TypeAlias = Event[Linearisation]
 """Event on a branch of periodic orbits."""
 
 
-class Orbits(Protocol):
-    """P orbits on a branch, a row each; what is costly is computed when it is asked for.
+@dataclass(frozen=True, eq=False)
+class ManyOrbits:
+    """P orbits on a branch, those of a batch.
 
     `unknowns` and `tangents` are of shape (P, n + 1), `orientations`, `doubling` and `spans`, the
     orbits' periods, (P,), and `products` (P, pairs); see `contimpact.orbits.status.Stability`.
@@ -68,30 +69,6 @@ class Orbits(Protocol):
     (P, N, W), `slowest` (P, N), as of `contimpact.segments.flight.excursions`, and `derived`
     parameters (P, D).
     """
-
-    @property
-    def unknowns(self) -> Array: ...
-    @property
-    def tangents(self) -> Array: ...
-    @property
-    def orientations(self) -> Array: ...
-    @property
-    def spans(self) -> Array: ...
-    @property
-    def doubling(self) -> Array: ...
-    @property
-    def products(self) -> Array: ...
-    @property
-    def gaps(self) -> Array: ...
-    @property
-    def slowest(self) -> Array: ...
-    @property
-    def derived(self) -> Array: ...
-
-
-@dataclass(frozen=True, eq=False)
-class ManyOrbits:
-    """The orbits of a batch; see `Orbits`."""
 
     unknowns: Array
     tangents: Array
@@ -105,7 +82,8 @@ class ManyOrbits:
 
 
 class OneOrbit:
-    """A single orbit; see `Orbits`. Without a point it has no tangent."""
+    """As `ManyOrbits`, for a single orbit, of which what is costly is computed when it is asked
+    for. Without a point it has no tangent."""
 
     def __init__(self, here: Linearisation, point: OrbitPoint | None = None) -> None:
         self.here, self.unknowns = here, here.unknowns[None]
@@ -137,6 +115,9 @@ class OneOrbit:
     @property
     def derived(self) -> Array:
         return np.array([list(self.here.derived.values())])
+
+
+Orbits: TypeAlias = ManyOrbits | OneOrbit
 
 
 class OrbitTest(TestFunction[Linearisation]):
