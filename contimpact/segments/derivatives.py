@@ -151,10 +151,9 @@ def series(inner: Arithmetic) -> Arithmetic:
         names[f"stumpffs{highest}"] = _together(inner, names, highest)
     for order in TABLES:
         names[f"transients{order}"] = _transients(inner, order)
-    if "flow_of_series" in inner.names:
-        names["flow"] = _flow(inner)
-    if "flown_of_series" in inner.names:
-        names["flown"] = _integrated_flights(inner)
+    for name in ("flow", "flown"):
+        if f"{name}_of_series" in inner.names:
+            names[name] = _flights(inner, name)
     constants = {name: inner.names[name] for name in ("nan", "pi", "ratio") if name in inner.names}
     return Arithmetic(names | constants | PLAIN, inner.exact)
 
@@ -242,28 +241,17 @@ def _transients(inner: Arithmetic, order: int) -> Callable[..., Any]:
     return on_series
 
 
-def _flow(inner: Arithmetic) -> Callable[..., Any]:
-    """Linear flights."""
+def _flights(inner: Arithmetic, name: str) -> Callable[..., Any]:
+    """Flights that are linear, or integrated: a function of what they are of, and of numbers."""
+    flights, of_series = inner.names[name], inner.names[f"{name}_of_series"]
+    about = {"flow": 3, "flown": 2}[name]
 
-    def on_series(d: int, h: int, directions: int, *arguments: Number) -> Vector:
+    def on_series(*given: Any) -> Vector:
+        of, arguments = given[:about], given[about:]
         if not any(isinstance(x, Series) for x in arguments):
-            return inner.names["flow"](d, h, directions, *arguments)
-        _, given = _to_one_length(arguments)
-        rows = [x.coefficients for x in given]
-        return [Series(row) for row in inner.names["flow_of_series"](d, h, directions, rows)]
-
-    return on_series
-
-
-def _integrated_flights(inner: Arithmetic) -> Callable[..., Any]:
-    """Flights that are integrated."""
-
-    def on_series(field: str, directions: str, *arguments: Number) -> Vector:
-        if not any(isinstance(x, Series) for x in arguments):
-            return inner.names["flown"](field, directions, *arguments)
-        _, given = _to_one_length(arguments)
-        rows = [x.coefficients for x in given]
-        return [Series(row) for row in inner.names["flown_of_series"](field, directions, rows)]
+            return flights(*given)
+        rows = [x.coefficients for x in _to_one_length(arguments)[1]]
+        return [Series(row) for row in of_series(*of, rows)]
 
     return on_series
 
@@ -368,6 +356,20 @@ class Tape:
         return +uses
 
 
+def _operators(operation: str) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """An operation of a recorded number and another number, and of the other one and it."""
+
+    def operator(one: TapeNumber, other: Number) -> Any:
+        known = isinstance(other, TapeNumber | int | float)
+        return one.tape.step(operation, one, other) if known else NotImplemented
+
+    def turned(one: TapeNumber, other: Number) -> Any:
+        known = isinstance(other, TapeNumber | int | float)
+        return one.tape.step(operation, other, one) if known else NotImplemented
+
+    return operator, turned
+
+
 class TapeNumber:
     """A number on a tape, by its place there."""
 
@@ -376,43 +378,15 @@ class TapeNumber:
     def __init__(self, tape: Tape, place: int) -> None:
         self.tape, self.place = tape, place
 
-    def _with(self, operation: str, *operands: Number) -> Number:
-        if all(isinstance(x, TapeNumber | int | float) for x in operands):
-            return self.tape.step(operation, *operands)
-        return NotImplemented
+    __add__, __radd__ = _operators("({} + {})")
+    __sub__, __rsub__ = _operators("({} - {})")
+    __mul__, __rmul__ = _operators("({}*{})")
+    __truediv__, __rtruediv__ = _operators("({}/{})")
+    __mod__, _ = _operators("({} % {})")
+    __pow__, _ = _operators("({}**{})")
 
-    def __add__(self, other: Number) -> Number:
-        return self._with("({} + {})", self, other)
-
-    def __radd__(self, other: Number) -> Number:
-        return self._with("({} + {})", other, self)
-
-    def __sub__(self, other: Number) -> Number:
-        return self._with("({} - {})", self, other)
-
-    def __rsub__(self, other: Number) -> Number:
-        return self._with("({} - {})", other, self)
-
-    def __mul__(self, other: Number) -> Number:
-        return self._with("({}*{})", self, other)
-
-    def __rmul__(self, other: Number) -> Number:
-        return self._with("({}*{})", other, self)
-
-    def __truediv__(self, other: Number) -> Number:
-        return self._with("({}/{})", self, other)
-
-    def __rtruediv__(self, other: Number) -> Number:
-        return self._with("({}/{})", other, self)
-
-    def __mod__(self, other: Number) -> Number:
-        return self._with("({} % {})", self, other)
-
-    def __pow__(self, other: Number) -> Number:
-        return self._with("({}**{})", self, other)
-
-    def __neg__(self) -> Number:
-        return self._with("(-{})", self)
+    def __neg__(self) -> TapeNumber:
+        return self.tape.step("(-{})", self)
 
 
 def _record_function(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
