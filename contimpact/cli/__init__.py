@@ -301,7 +301,7 @@ def parser() -> argparse.ArgumentParser:
     argument(design, "-o --output FILE", "file to write as a table (csv)")
     argument(design, "-q --quiet", "print nothing but errors")
 
-    completion = add("completion", "manual.completion", "print the completion of a shell")
+    completion = add("completion", "completion.completion", "print the completion of a shell")
     argument(completion, "shell", "the shell", choices=["bash", "zsh", "fish"])
     for command in (check, run, simulate, report, plot, range_, fit, design):
         argument(

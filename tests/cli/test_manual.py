@@ -8,17 +8,18 @@ import shutil
 import subprocess
 
 import pytest
-from zoo import ROOT
+from zoo import ROOT, tool
 
 from contimpact.cli import commands_of, main, parser
-from contimpact.cli.manual import manual, script
+from contimpact.cli.completion import script
 
 COMMANDS = list(commands_of(parser()))
 
 
 def test_the_manual_is_that_of_the_parser():
-    """Made again by ``python -m contimpact.cli.manual > docs/cli.md``."""
-    assert (ROOT / "docs" / "cli.md").read_text(encoding="utf-8") == manual().rstrip("\n") + "\n"
+    """Made again by ``python tools/manual.py > docs/cli.md``."""
+    page = tool("manual").manual().rstrip("\n")
+    assert (ROOT / "docs" / "cli.md").read_text(encoding="utf-8") == page + "\n"
 
 
 @pytest.mark.parametrize("name", COMMANDS)

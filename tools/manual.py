@@ -1,19 +1,16 @@
-"""The manual of the commands, and what shells complete, made of the parser itself.
-
-python -m contimpact.cli.manual > docs/cli.md
-"""
+"""The manual of the commands, made of their parser: python tools/manual.py > docs/cli.md."""
 
 from __future__ import annotations
 
 import argparse
 from collections import Counter
 
-from . import commands_of, parser, say
+from contimpact.cli import commands_of, parser
 
 HEAD = """\
 # Commands
 
-<!-- made by python -m contimpact.cli.manual; a test compares -->
+<!-- made by python tools/manual.py; a test compares -->
 
 `contimpact COMMAND ...` and `python -m contimpact COMMAND ...` are the same. `contimpact --help`
 lists the commands, `contimpact COMMAND --help` the options of one, and `contimpact --version`
@@ -83,54 +80,5 @@ def _row(action: argparse.Action) -> str:
     return f"- {', '.join(names)} {values}".rstrip() + f": {action.help or ''}"
 
 
-# What a shell needs to complete commands and options.
-
-BASH = """\
-_contimpact() {{
-    local current=${{COMP_WORDS[COMP_CWORD]}} words=""
-    if [ "$COMP_CWORD" -eq 1 ]; then
-        COMPREPLY=($(compgen -W "{commands}" -- "$current"))
-        return
-    fi
-    case ${{COMP_WORDS[1]}} in
-{cases}
-    esac
-    COMPREPLY=($(compgen -W "$words" -- "$current") $(compgen -f -- "$current"))
-}}
-complete -o filenames -F _contimpact contimpact
-"""
-ZSH = "autoload -U +X bashcompinit && bashcompinit\n"
-
-
-def completion(options: argparse.Namespace) -> int:
-    """Print the script of a shell; returns the exit status."""
-    say(script(options.shell).rstrip("\n"))
-    return 0
-
-
-def script(shell: str) -> str:
-    """Return the script of a shell: bash, zsh or fish."""
-    found = {
-        name: [text for action in one._actions for text in action.option_strings]
-        for name, one in commands_of(parser()).items()
-    }
-    if shell == "fish":
-        return "".join(_fish(name, words) for name, words in found.items())
-    cases = "\n".join(f'        {name}) words="{" ".join(w)}" ;;' for name, w in found.items())
-    text = BASH.format(commands=" ".join(found), cases=cases)
-    return ZSH + text if shell == "zsh" else text
-
-
-def _fish(name: str, words: list[str]) -> str:
-    """The lines of one command."""
-    lines = [f"complete -c contimpact -n __fish_use_subcommand -f -a {name}"]
-    for word in words:
-        kind, text = ("l", word[2:]) if word.startswith("--") else ("s", word[1:])
-        lines.append(
-            f"complete -c contimpact -n '__fish_seen_subcommand_from {name}' -{kind} {text}"
-        )
-    return "\n".join(lines) + "\n"
-
-
 if __name__ == "__main__":
-    say(manual().rstrip("\n"))
+    print(manual().rstrip("\n"))
