@@ -817,9 +817,9 @@ def turn_of_flight(
     store(arc.fixed, 0, positions)
     zeros = breaks(system.values, period, arc.zeros)
     head, phase = (left, start, speed), start % period
-    leaving, reaching = arc.leaving[left], arc.sides[reached]
+    ends = (length, arriving, arc.leaving[left], arc.sides[reached])
     high, when_high, low, when_low, slow = excursion(
-        head, system.values, length, arriving, leaving, reaching, zeros, phase, period, arc.steps
+        head, system.values, ends, zeros, phase, period, arc.steps
     )
     if slow == math.inf:
         arc.found[UNRESOLVED] = 1.0

@@ -145,9 +145,9 @@ def measure(
         high, when_high, low, when_low, slow = math.nan, math.nan, math.nan, math.nan, math.nan
         if wanted and length > 0.0:
             head, phase = (wall, start, speed), start % period
-            left, reached = leaving[wall], sides[following]
+            ends = (length, arriving, leaving[wall], sides[following])
             high, when_high, low, when_low, slow = excursion(
-                head, values, length, arriving, left, reached, zeros, phase, period, steps
+                head, values, ends, zeros, phase, period, steps
             )
             if slow == math.inf:
                 orbit.clock[UNRESOLVED] += 1.0

@@ -681,8 +681,9 @@ def fill_in_depth(
     if orbit.measured[reached] == g:
         speed, side = arriving, orbit.sides[reached]
     breaks = orbit.breaks[2 * MOST * g : 2 * MOST * g + int(orbit.found[g])]
+    ends = (length, speed, 0.0, side)
     high, when_high, low, when_low, _ = excursions(
-        motion_of_gap, head, orbit.steps, length, speed, 0.0, side, breaks, 0.0, math.inf
+        motion_of_gap, head, orbit.steps, ends, breaks, 0.0, math.inf
     )
     for j in range(walls):
         side, place = orbit.sides[j], walls * k + j
@@ -715,8 +716,9 @@ def touches_of(
     else:
         speed = speed_at_end(motion_of_gap(head, length, orbit.steps), length)
     breaks = orbit.breaks[place : place + int(orbit.found[g])]
+    ends = (length, speed, leaving, side)
     high, when_high, low, when_low, slow = excursions(
-        motion_of_gap, head, orbit.steps, length, speed, leaving, side, breaks, 0.0, math.inf
+        motion_of_gap, head, orbit.steps, ends, breaks, 0.0, math.inf
     )
     begin = orbit.forces[len(orbit.forces) - coordinates + g]
     others = orbit.measured[left] != g and orbit.measured[reached] != g

@@ -340,7 +340,7 @@ class QuietProblem(OrbitProblem):
         for row in watched:
             curve = track.along(row)
             ends = (length, curve((), length, ())[1], 0.0, 0.0)
-            turns = excursions(curve, (), (), *ends, curve.breaks(), 0.0, math.inf)
+            turns = excursions(curve, (), (), ends, curve.breaks(), 0.0, math.inf)
             found[row] = _or_at_rest(turns, curve((), 0.0, ())[0])
         return found
 
@@ -370,7 +370,7 @@ class QuietProblem(OrbitProblem):
 
         arriving = motion(state, length, values)[1]
         ends = (length, arriving, 0.0, 0.0)
-        turns = excursions(motion, state, values, *ends, breaks, 0.0, math.inf)
+        turns = excursions(motion, state, values, ends, breaks, 0.0, math.inf)
         return _or_at_rest(turns, motion(state, 0.0, values)[0])
 
     def first_lap(self, unknowns: Array) -> tuple[QuietProblem, Array]:

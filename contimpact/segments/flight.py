@@ -23,6 +23,7 @@ from .oscillation import (
     row_of,
     row_of_compiled,
 )
+from .oscillation import Ends as Ends
 from .oscillation import Excursion as Excursion
 from .oscillation import Motion as Motion
 from .oscillation import Moved as Moved
@@ -352,14 +353,13 @@ def flight_gaps(
             result.append(FlightGaps(length, (None,) * len(named)))
             continue
         head, phase = (i, *leave), leave[0] % period
-        sides = passages.leaving[i], named[j].side
+        ends = length, arrive[1], passages.leaving[i], named[j].side
         if kernels.integrated(wall):
             track = track_between(kernels, (wall, named[j].name), leave, arrive, values, length)
             curve = track.along(named[i].row(1), from_start=True)
-            along = arrive[1], *sides, curve.breaks(), 0.0, math.inf
-            found = excursions(curve, (), (), length, *along)
+            found = excursions(curve, (), (), ends, curve.breaks(), 0.0, math.inf)
         else:
-            found = excursion(head, values, length, arrive[1], *sides, zeros, phase, period)
+            found = excursion(head, values, ends, zeros, phase, period)
         touches = tuple(
             touch_of(k, leave[0], w, setup.walls[place] - setup.walls[i], found) if meets else None
             for place, (w, meets) in enumerate(zip(named, passages.watched[i], strict=True))
@@ -376,23 +376,14 @@ def excursion_of(kernels: Kernels, in_time: bool) -> Callable[..., Any]:
     """
     motion, named = kernels.motions, kernels.model.WALLS
     if in_time:
-        return lambda head, p, length, arriving, left, reached, zeros, phase, period, _=None: (
-            excursions(motion, head, p, length, arriving, left, reached, zeros, phase, period)
+        return lambda head, p, ends, zeros, phase, period, _=None: excursions(
+            motion, head, p, ends, zeros, phase, period
         )
 
-    def excursion(
-        head: Vector,
-        values: Vector,
-        length: float,
-        arriving: float,
-        left_side: float,
-        reached_side: float,
-        *_: Any,
-    ) -> Excursion:
-        wall = named[head[0]]
-        about = length, arriving, left_side, reached_side
+    def excursion(head: Vector, values: Vector, ends: Ends, *_: Any) -> Excursion:
+        wall, length = named[head[0]], ends[0]
         if kernels.oscillates:
-            found = excursion_alone(kernels.law(wall.name)(*head[1:], *values), about)
+            found = excursion_alone(kernels.law(wall.name)(*head[1:], *values), ends)
             if found[4] != math.inf:
                 return found
         if kernels.linear(wall.name):
@@ -401,9 +392,9 @@ def excursion_of(kernels: Kernels, in_time: bool) -> Callable[..., Any]:
             track = integrated_track(kernels, wall.name, head[1:], values, length)
         else:
             breaks = breaks_of(kernels.motion(wall.name), head[1:], values, length)
-            return excursions(motion, head, values, *about, breaks, 0.0, math.inf)
+            return excursions(motion, head, values, ends, breaks, 0.0, math.inf)
         curve = track.along(wall.row(kernels.model.DEGREES_OF_FREEDOM), from_start=True)
-        return excursions(curve, (), (), *about, curve.breaks(), 0.0, math.inf)
+        return excursions(curve, (), (), ends, curve.breaks(), 0.0, math.inf)
 
     return excursion
 
@@ -602,16 +593,17 @@ def turns_before(length: float, at: Moved, reached: Moved, wall: float, rising: 
 # Where flights of one coordinate turn, as code of compiled programs.
 
 ALONE = """
-def entry(waves, numbers, state, about, steps, zeros, out):
-    made, count = follow(waves[0], numbers, state, about[0], steps, zeros)
+def entry(waves, numbers, state, given, steps, zeros, out):
+    made, count = follow(waves[0], numbers, state, given[0], steps, zeros)
+    ends = (given[0], given[1], given[2], given[3])
     out[0], out[1], out[2], out[3], out[4] = excursion_on_steps(
-        made, count, state, about[0], about[1], about[2], about[3], steps, zeros
+        made, count, state, ends, steps, zeros
     )
     return 0
 """
 
 
-def excursion_alone(found: Sequence[Any], about: tuple[float, float, float, float]) -> Excursion:
+def excursion_alone(found: Sequence[Any], ends: Ends) -> Excursion:
     """As `excursion_by_law`, of one flight and what its law has returned, by a compiled program if
     that is there or pays; it is that of every model."""
     _, waves, numbers, state = found
@@ -620,9 +612,9 @@ def excursion_alone(found: Sequence[Any], about: tuple[float, float, float, floa
         steps: list[list[float]] = []
         zeros = [0.0] * (2 * MOST)
         with timed_plainly(EXCURSION):
-            made, count = follow(int(waves), numbers, state, about[0], steps, zeros)
-            return excursion_on_steps(made, count, state, *about, steps, zeros)
-    given = np.array([int(waves)]), *(np.array(row, dtype=float) for row in (numbers, state, about))
+            made, count = follow(int(waves), numbers, state, ends[0], steps, zeros)
+            return excursion_on_steps(made, count, state, ends, steps, zeros)
+    given = np.array([int(waves)]), *(np.array(row, dtype=float) for row in (numbers, state, ends))
     out = np.empty(5)
     run(*given, *_scratch(), out)
     high, when_high, low, when_low, slowest = out.tolist()
@@ -661,31 +653,18 @@ def variant_of(kernels: Kernels, values: Sequence[float]) -> str | None:
 
 
 MOTION = """
-def excursion(
-    head, values, length, arriving, left_side, reached_side, zeros, phase, period, steps,
-):
-    return excursions(
-        any_motion, head, values, length, arriving, left_side, reached_side, zeros, phase, period
-    )
+def excursion(head, values, ends, zeros, phase, period, steps):
+    return excursions(any_motion, head, values, ends, zeros, phase, period)
 """
 
 LAW = """
-def excursion(
-    head, values, length, arriving, left_side, reached_side, zeros, phase, period, steps,
-):
-    return excursion_by_law(
-        any_law, head, values, length, arriving, left_side, reached_side, steps, zeros
-    )
+def excursion(head, values, ends, zeros, phase, period, steps):
+    return excursion_by_law(any_law, head, values, ends, steps, zeros)
 """
 
 PATH = """
-def excursion(
-    head, values, length, arriving, left_side, reached_side, zeros, phase, period, steps,
-):
-    return excursion_by_path(
-        any_path, head, values, length, arriving, left_side, reached_side, steps, zeros,
-        values[{count}:],
-    )
+def excursion(head, values, ends, zeros, phase, period, steps):
+    return excursion_by_path(any_path, head, values, ends, steps, zeros, values[{count}:])
 """
 
 GIVEN = """

@@ -28,6 +28,10 @@ Moved: TypeAlias = tuple[float, float, float]
 Motion: TypeAlias = Callable[[Vector, float, Vector], Moved]
 """``motion(head, dt, values)``: where a flight is a time dt after it left."""
 
+Ends: TypeAlias = tuple[float, float, float, float]
+"""Of a flight its duration, the velocity before the impact that ends it, and the sides, on this
+flight, of the walls left and reached, zero where there is none."""
+
 Excursion: TypeAlias = tuple[float, float, float, float, float]
 """Result of `excursions`."""
 
@@ -40,10 +44,7 @@ def excursions(
     motion: Motion,
     head: Vector,
     values: Vector,
-    length: float,
-    arriving: float,
-    left_side: float,
-    reached_side: float,
+    ends: Ends,
     zeros: Vector,
     phase: float,
     period: float,
@@ -56,16 +57,15 @@ def excursions(
     impact runs the wrong way; that excursion belongs to the impact and is left out. Beside an
     impact at rest (`TURNED`) it is the flight's where the acceleration leads it there.
 
-    `motion`, `head` and `values` are as in `velocity_zero`, `length` is the duration and `arriving`
-    the velocity before the impact that ends the flight. The sides are those, on this flight, of the
-    walls left and reached, zero where there is none. The flight leaves at `phase`; `zeros` are
-    those of the acceleration in [0, period), in order.
+    `motion`, `head` and `values` are as in `velocity_zero`. The flight leaves at `phase`; `zeros`
+    are those of the acceleration in [0, period), in order.
 
     Displacements, and times after leaving, are NaN where there is none. Last comes the velocity
     nearest to zero at a zero of the acceleration inside the flight: where it passes zero, two
     extrema are born or merge.
     """
     high, when_high, low, when_low = math.nan, math.nan, math.nan, math.nan
+    length, arriving, left_side, reached_side = ends
     slowest = math.nan
     _, speed, acceleration = motion(head, 0.0, values)
     rising = speed > 0.0 or (speed == 0.0 and acceleration > 0.0)
@@ -235,10 +235,7 @@ def excursion_by_law(
     law: Callable[[Vector, Vector], Any],
     head: Vector,
     values: Vector,
-    length: float,
-    arriving: float,
-    left_side: float,
-    reached_side: float,
+    ends: Ends,
     steps: Table,
     breaks: Vector,
 ) -> Excursion:
@@ -247,39 +244,19 @@ def excursion_by_law(
     acceleration. The `slowest` is infinite where the flight is too stiff, or too long, for so
     many."""
     _, waves, numbers, state = law(head, values)
-    made, found = follow(int(waves), numbers, state, length, steps, breaks)
-    return excursion_on_steps(
-        made, found, values, length, arriving, left_side, reached_side, steps, breaks
-    )
+    made, found = follow(int(waves), numbers, state, ends[0], steps, breaks)
+    return excursion_on_steps(made, found, values, ends, steps, breaks)
 
 
 def excursion_on_steps(
-    made: int,
-    found: int,
-    values: Vector,
-    length: float,
-    arriving: float,
-    left_side: float,
-    reached_side: float,
-    steps: Table,
-    breaks: Vector,
+    made: int, found: int, values: Vector, ends: Ends, steps: Table, breaks: Vector
 ) -> Excursion:
     """As `excursions`, on the steps that were made, with the zeros of the acceleration that were
     found; its `slowest` is infinite where `made` is negative: the steps would be too many."""
     if made < 0:
         return math.nan, math.nan, math.nan, math.nan, math.inf
-    return excursions(
-        motion_along_steps,
-        steps[:made],
-        values,
-        length,
-        arriving,
-        left_side,
-        reached_side,
-        breaks[:found],
-        0.0,
-        math.inf,
-    )
+    zeros = breaks[:found]
+    return excursions(motion_along_steps, steps[:made], values, ends, zeros, 0.0, math.inf)
 
 
 def motion_along_steps(steps: Table, dt: float, values: Vector) -> Moved:

@@ -38,6 +38,7 @@ from .oscillation import (
     HALVINGS,
     START,
     WIDTH,
+    Ends,
     Excursion,
     FollowedFlight,
     excursion_on_steps,
@@ -305,10 +306,7 @@ def excursion_by_path(
     path: Callable[..., int],
     head: Vector,
     values: Vector,
-    length: float,
-    arriving: float,
-    left_side: float,
-    reached_side: float,
+    ends: Ends,
     steps: Table,
     breaks: Vector,
     space: Vector,
@@ -321,10 +319,8 @@ def excursion_by_path(
     most = len(steps) - 1
     found, signs, zeros, moving, forces = space[0:], space[1:], space[2:], space[3:], space[5:]
     way = FollowedFlight(steps[most:], steps[:most], breaks, found, signs, zeros, moving, forces)
-    made = path(head, values, length, space[EXCURSION:], way)
-    return excursion_on_steps(
-        made, int(found[0]), values, length, arriving, left_side, reached_side, steps, breaks
-    )
+    made = path(head, values, ends[0], space[EXCURSION:], way)
+    return excursion_on_steps(made, int(found[0]), values, ends, steps, breaks)
 
 
 def shift_series(stride: int, i: int, w: Vector, place: float, width: float, row: Vector) -> None:

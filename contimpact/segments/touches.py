@@ -249,7 +249,7 @@ def _touches(
         here = reached in numbers
         speed = arriving if here else speed_at_end(motion((), length, ()), length)
         sides = leaving, float(guards[reached].side) if here else 0.0
-        found = excursions(motion, (), (), length, speed, *sides, breaks, 0.0, math.inf)
+        found = excursions(motion, (), (), (length, speed, *sides), breaks, 0.0, math.inf)
         others = not here and left not in numbers and length > BRIEF * span
         for i in numbers:
             if passages.watched[left][i] and not guards[i].past:
@@ -363,10 +363,9 @@ def _deepest(
     size = kernels.model.DEGREES_OF_FREEDOM
     here = reached.row(size) == guard.row(size)
     last, speed, _ = motion((), flight.length, ())
-    arriving = (flight.arriving, float(reached.side)) if here else (speed, 0.0)
-    found = excursions(
-        motion, (), (), flight.length, arriving[0], 0.0, arriving[1], breaks, 0.0, math.inf
-    )
+    speed, side = (flight.arriving, float(reached.side)) if here else (speed, 0.0)
+    ends = flight.length, speed, 0.0, side
+    found = excursions(motion, (), (), ends, breaks, 0.0, math.inf)
     deep = [(-least, 0.0), (guard.side * (position - last), flight.length)]
     turned = smallest_gap(guard, position, found)
     if not math.isnan(turned[0]):

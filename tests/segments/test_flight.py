@@ -204,10 +204,7 @@ def all_excursions(motion, length, arriving, breaks):
         lambda head, dt, values: motion(dt),
         (0, 0.0),
         (),
-        length,
-        arriving,
-        left,
-        reached,
+        (length, arriving, left, reached),
         breaks,
         0.0,
         math.inf,
@@ -258,7 +255,7 @@ def test_beside_an_impact_at_rest_the_acceleration_tells_whose_an_excursion_is(
 
     zeros = [0.25 * math.pi, 0.75 * math.pi]
     arriving = motion(None, math.pi, None)[1] if not backwards else -speed
-    high, *_ = excursions(motion, (), (), math.pi, arriving, 1.0, 1.0, zeros, 0.0, math.inf)
+    high, *_ = excursions(motion, (), (), (math.pi, arriving, 1.0, 1.0), zeros, 0.0, math.inf)
     assert (high > 0.49) == (push > 0.0)
     assert push > 0.0 or not high > 0.0
 
@@ -385,7 +382,7 @@ def test_excursions_that_belong_to_an_impact_running_the_wrong_way_are_left_out(
 
     def found(left_side, reached_side):
         return excursions(
-            motion, (0, 0.0), (), 1.0, -1.0, left_side, reached_side, [], 0.0, math.inf
+            motion, (0, 0.0), (), (1.0, -1.0, left_side, reached_side), [], 0.0, math.inf
         )[:4]
 
     assert found(1.0, -1.0) == NOWHERE * 2
@@ -400,11 +397,11 @@ def test_the_slowest_turn_is_the_speed_nearest_to_zero_where_the_acceleration_va
         def motion(head, dt, values, c=c):
             return dt**3 / 3.0 - dt**2 + c * dt, dt**2 - 2.0 * dt + c, 2.0 * dt - 2.0
 
-        found = excursions(motion, (0, 0.0), (), 3.0, 3.0 + c, -1.0, 1.0, [1.0], 0.0, math.inf)
+        found = excursions(motion, (0, 0.0), (), (3.0, 3.0 + c, -1.0, 1.0), [1.0], 0.0, math.inf)
         assert found[4] == pytest.approx(c - 1.0, abs=1e-15)
         assert math.isnan(found[0]) == (c >= 1.0)
     assert math.isnan(
-        excursions(motion, (0, 0.0), (), 0.9, 1.0, -1.0, 1.0, [1.0], 0.0, math.inf)[4]
+        excursions(motion, (0, 0.0), (), (0.9, 1.0, -1.0, 1.0), [1.0], 0.0, math.inf)[4]
     )
 
 
