@@ -46,301 +46,6 @@ def kept_size(m: int) -> int:
     return m * (3 * m + 2)
 
 
-def assemble(
-    flight: Callable[[int, Vector, Vector], Blocks],
-    setup: Callable[[Vector], Setup],
-    kinds: Vector,
-    periods: int,
-    place: int,
-    m: int,
-    values: Vector,
-    ends: Vector,
-    blocks: Table,
-    clock: Vector,
-    fixed: Table,
-    z: Vector,
-) -> None:
-    """Evaluate every flight of a cycle at the unknowns z.
-
-    As `block_cyclic.assemble` with m unknowns per impact: ``flight(kind, ends, values)`` takes the
-    2m unknowns at its ends, for which `ends` is scratch space. With no `periods`, the orbit's is
-    free.
-    """
-    count = len(kinds)
-    n = m * count
-    values[place] = z[n]
-    period, slopes, _, positions, derived, _ = setup(values)
-    store(fixed, 0, (period,) + positions + derived)  # noqa: RUF005
-    span, drift = periods * period if periods > 0 else -z[0], periods * slopes[0]
-    clock[0], clock[1] = span, drift
-    for k in range(count):
-        for i in range(m):
-            ends[i] = z[m * k + i]
-            ends[m + i] = z[(m * (k + 1) + i) % n]
-        if k + 1 == count:
-            ends[m] += span
-        rows, start, end, free = flight(kinds[k], ends, values)
-        store(blocks, k, rows + start + end + free)
-
-
-def parameter_derivative(row: Vector, i: int, m: int, drift: float, last: bool) -> float:
-    """Return the derivative of equation i by lambda; the last arrival moves with the period."""
-    own = row[m + 2 * m * m + i]
-    return own + drift * row[m + m * m + m * i] if last else own
-
-
-def eliminate(
-    blocks: Table,
-    arrivals: Vector,
-    kept: Table,
-    work: Table,
-    reduced: Vector,
-    m: int,
-    drift: float,
-    right: float,
-    exact: bool,
-    z: Vector,
-    span: float,
-) -> None:
-    """Eliminate impacts 2 to N, as `block_cyclic.eliminate` with m unknowns per impact.
-
-    `work` is scratch space of 2m rows of 3m + 2 numbers; `reduced` is filled with what is left, its
-    sign 0 where an impact cannot be eliminated; `drift` is the derivative of the orbit's period by
-    lambda.
-    """
-    count, size = len(arrivals), m * m
-    b = blocks[0]
-    for i in range(size):
-        reduced[i], reduced[size + i] = b[m + i], b[m + size + i]
-    if exact:
-        reduced[size] = arrival_rate(z, 0, m, arrivals, span, b[m + size])
-    for i in range(m):
-        reduced[2 * size + i] = parameter_derivative(b, i, m, drift, count == 1)
-        reduced[2 * size + m + i] = -right * b[i]
-    sign, logarithm = 1.0, 0.0
-    for k in range(1, count):
-        b = blocks[k]
-        for i in range(m):
-            upper, lower = work[i], work[m + i]
-            for j in range(m):
-                upper[j], lower[j] = reduced[size + m * i + j], b[m + m * i + j]
-                upper[m + j], lower[m + j] = reduced[m * i + j], 0.0
-                upper[2 * m + j], lower[2 * m + j] = 0.0, b[m + size + m * i + j]
-            upper[3 * m] = reduced[2 * size + i]
-            lower[3 * m] = parameter_derivative(b, i, m, drift, k + 1 == count)
-            upper[3 * m + 1], lower[3 * m + 1] = reduced[2 * size + m + i], -right * b[i]
-        if exact:
-            work[m][2 * m] = arrival_rate(z, k, m, arrivals, span, b[m + size])
-        if not reflect(work, m):
-            sign = 0.0
-            break
-        row = kept[k]
-        for i in range(m):
-            pivot = work[i][i]
-            sign = -sign if pivot < 0.0 else sign
-            logarithm += math.log(abs(pivot))
-            for j in range(3 * m + 2):
-                row[(3 * m + 2) * i + j] = work[i][j]
-            lower = work[m + i]
-            for j in range(m):
-                reduced[m * i + j], reduced[size + m * i + j] = lower[m + j], lower[2 * m + j]
-            reduced[2 * size + i], reduced[2 * size + m + i] = lower[3 * m], lower[3 * m + 1]
-    reduced[2 * size + 2 * m], reduced[2 * size + 2 * m + 1] = sign, logarithm
-
-
-def reflect(work: Table, m: int) -> bool:
-    """Make the first m columns of 2m rows triangular; whether none of them vanishes."""
-    width = 3 * m + 2
-    for c in range(m):
-        size = 0.0
-        for i in range(c, 2 * m):
-            size += work[i][c] * work[i][c]
-        size = math.sqrt(size)
-        if not size > 0.0:
-            return False
-        first = work[c][c]
-        pivot = -size if first >= 0.0 else size
-        first -= pivot
-        factor = -1.0 / (pivot * first)
-        for j in range(c + 1, width):
-            s = first * work[c][j]
-            for i in range(c + 1, 2 * m):
-                s += work[i][c] * work[i][j]
-            s *= factor
-            work[c][j] -= s * first
-            for i in range(c + 1, 2 * m):
-                work[i][j] -= s * work[i][c]
-        work[c][c] = pivot
-    return True
-
-
-def solve(
-    reduced: Vector,
-    kept: Table,
-    work: Table,
-    count: int,
-    m: int,
-    free_period: bool,
-    row: Vector,
-    g: float,
-    out: Vector,
-) -> float:
-    """Solve the system bordered by a row with the right side g, from what `eliminate` returned.
-
-    Returns the determinant of the rows left and the border; 0 (or NaN) where there is no solution.
-    """
-    size, width = m * m, 3 * m + 2
-    for i in range(m):
-        for j in range(m):
-            work[i][j] = reduced[m * i + j] + reduced[size + m * i + j]
-        if free_period:
-            work[i][0] = reduced[m * i]
-        work[i][m], work[i][m + 1] = reduced[2 * size + i], reduced[2 * size + m + i]
-    eliminate_border(kept, work[m], work[m + 1], count, m, free_period, row, g)
-    if reduced[2 * size + 2 * m] == 0.0:
-        return 0.0
-    determinant = triangular(work, m + 1, m + 2)
-    if not abs(determinant) > 0.0:
-        return 0.0
-    for i in range(m, -1, -1):
-        x = work[i][m + 1]
-        for j in range(i + 1, m + 1):
-            x -= work[i][j] * (out[m * count] if j == m else out[j])
-        x /= work[i][i]
-        if i == m:
-            out[m * count] = x
-        else:
-            out[i] = x
-    for k in range(count - 1, 0, -1):
-        row = kept[k]
-        later = (m * (k + 1)) % (m * count)
-        for i in range(m - 1, -1, -1):
-            at = width * i
-            x = row[at + 3 * m + 1] - row[at + 3 * m] * out[m * count]
-            for j in range(m):
-                known = row[at + 2 * m + j] * out[later + j]
-                if free_period and j == 0 and later == 0:
-                    known = 0.0
-                x -= row[at + m + j] * out[j] + known
-            for j in range(i + 1, m):
-                x -= row[at + j] * out[m * k + j]
-            out[m * k + i] = x / row[at + i]
-    return determinant
-
-
-def eliminate_border(
-    kept: Table,
-    border: Vector,
-    left: Vector,
-    count: int,
-    m: int,
-    free_period: bool,
-    row: Vector,
-    g: float,
-) -> None:
-    """Fill in the border in z_1 and lambda alone, and its right side.
-
-    `left` is scratch space of 2m numbers.
-    """
-    width = 3 * m + 2
-    for i in range(m):
-        border[i], left[i] = row[i], 0.0
-    border[m], border[m + 1] = row[m * count], g
-    for k in range(1, count):
-        known = kept[k]
-        for i in range(m):
-            x = row[m * k + i] + left[i]
-            for j in range(i):
-                x -= left[m + j] * known[width * j + i]
-            left[m + i] = x / known[width * i + i] if known[width * i + i] != 0.0 else math.nan
-        for i in range(m):
-            left[i] = 0.0
-        for j in range(m):
-            factor, at = left[m + j], width * j
-            for i in range(m):
-                border[i] -= factor * known[at + m + i]
-                left[i] -= factor * known[at + 2 * m + i]
-            border[m] -= factor * known[at + 3 * m]
-            border[m + 1] -= factor * known[at + 3 * m + 1]
-    for i in range(m):
-        if not (free_period and i == 0):
-            border[i] += left[i]
-
-
-def triangular(work: Table, size: int, width: int) -> float:
-    """Make a matrix upper triangular with partial pivoting; returns its determinant, 0 where none
-    was found."""
-    determinant = 1.0
-    for c in range(size):
-        best = c
-        for i in range(c + 1, size):
-            if abs(work[i][c]) > abs(work[best][c]):
-                best = i
-        if not abs(work[best][c]) > 0.0:
-            return 0.0
-        if best != c:
-            determinant = -determinant
-            for j in range(c, width):
-                work[c][j], work[best][j] = work[best][j], work[c][j]
-        determinant *= work[c][c]
-        for i in range(c + 1, size):
-            factor = work[i][c] / work[c][c]
-            for j in range(c + 1, width):
-                work[i][j] -= factor * work[c][j]
-    return determinant
-
-
-def row_norms(
-    blocks: Table,
-    count: int,
-    m: int,
-    free_period: bool,
-    drift: float,
-    mu: float,
-    scale: Vector,
-    free: float,
-) -> float:
-    """Return the logarithm of the product of the rows' norms in the cyclic matrix.
-
-    The last coupling is multiplied by mu, the column of lambda by `free`, and the others by the
-    sizes in `scale`; with a `free` of zero, lambda and the sizes are left out. Where the period is
-    free, the matrix is the Jacobian for a positive mu, and that of the multipliers for a negative
-    one.
-    """
-    logarithm, size = 0.0, m * m
-    for k in range(count):
-        b, here = blocks[k], m * k
-        there = here + m if k + 1 < count else 0
-        for i in range(m):
-            total = free * parameter_derivative(b, i, m, drift, k + 1 == count)
-            total *= total
-            for j in range(m):
-                one, other = b[m + m * i + j], b[m + size + m * i + j]
-                if free_period and j == 0:
-                    other = 0.0 if mu > 0.0 and k + 1 == count else other
-                    one = 0.0 if mu < 0.0 and k == 0 else one
-                if count == 1:
-                    one, other = one + mu * other, 0.0
-                if free > 0.0:
-                    one, other = one * scale[here + j], other * scale[there + j]
-                total += one * one + other * other
-            if not total > 0.0:
-                return -math.inf
-            logarithm += math.log(total)
-    return 0.5 * logarithm
-
-
-def doubling(reduced: Vector, work: Table, m: int, free_period: bool) -> float:
-    """Return the determinant of P - Q."""
-    size = m * m
-    for i in range(m):
-        for j in range(m):
-            work[i][j] = reduced[m * i + j] - reduced[size + m * i + j]
-        if free_period:
-            work[i][0] = -reduced[size + m * i]
-    return triangular(work, m, m)
-
-
 # What a step asks of an orbit problem with several coordinates: as `diagrams.orbit_functions`.
 
 WALLS, PERIODS, FREE, DERIVED, GAPS, DOUBLING, UNKNOWNS, COORDINATES = range(8)
@@ -415,38 +120,264 @@ def evaluate_chain(
     orbit: ChainVectors,
     z: Vector,
 ) -> float:
-    """Evaluate the flights of an orbit; returns the largest residual in natural units."""
-    counts = orbit.counts
-    periods, place, m = counts[PERIODS], counts[FREE], counts[UNKNOWNS]
-    values, ends, blocks = orbit.values, orbit.ends, orbit.blocks
-    clock, fixed = orbit.clock, orbit.fixed
-    assemble(flight, setup, orbit.kinds, periods, place, m, values, ends, blocks, clock, fixed, z)
-    return largest_residual(blocks, orbit.units)
+    """Evaluate every flight of an orbit at the unknowns z, as `block_cyclic.assemble` with m of
+    them per impact; returns the largest residual in natural units.
+
+    ``flight(kind, ends, values)`` takes the 2m unknowns at its ends. With no periods, the orbit's
+    is free.
+    """
+    counts, ends, values, clock = orbit.counts, orbit.ends, orbit.values, orbit.clock
+    count, m, periods = len(orbit.kinds), counts[UNKNOWNS], counts[PERIODS]
+    n = m * count
+    values[counts[FREE]] = z[n]
+    period, slopes, _, positions, derived, _ = setup(values)
+    store(orbit.fixed, 0, (period,) + positions + derived)  # noqa: RUF005
+    span, drift = periods * period if periods > 0 else -z[0], periods * slopes[0]
+    clock[0], clock[1] = span, drift
+    for k in range(count):
+        for i in range(m):
+            ends[i] = z[m * k + i]
+            ends[m + i] = z[(m * (k + 1) + i) % n]
+        if k + 1 == count:
+            ends[m] += span
+        rows, start, end, free = flight(orbit.kinds[k], ends, values)
+        store(orbit.blocks, k, rows + start + end + free)
+    return largest_residual(orbit.blocks, orbit.units)
 
 
-def eliminate_chain(orbit: ChainVectors, right: float, exact: bool, z: Vector) -> None:
-    """Eliminate impacts 2 to N at the point last evaluated."""
-    span, drift = orbit.clock[0], orbit.clock[1]
+def parameter_derivative(row: Vector, i: int, m: int, drift: float, last: bool) -> float:
+    """Return the derivative of equation i by lambda; the last arrival moves with the period."""
+    own = row[m + 2 * m * m + i]
+    return own + drift * row[m + m * m + m * i] if last else own
+
+
+def eliminate(orbit: ChainVectors, right: float, exact: bool, z: Vector) -> None:
+    """Eliminate impacts 2 to N at the point last evaluated, as `block_cyclic.eliminate` with m
+    unknowns per impact; in what is left the sign is 0 where an impact cannot be eliminated."""
+    span, drift, m = orbit.clock[0], orbit.clock[1], orbit.counts[UNKNOWNS]
     blocks, arrivals, kept, work = orbit.blocks, orbit.arrivals, orbit.kept, orbit.work
-    m = orbit.counts[UNKNOWNS]
-    eliminate(blocks, arrivals, kept, work, orbit.reduced, m, drift, right, exact, z, span)
+    reduced, count, size = orbit.reduced, len(arrivals), m * m
+    b = blocks[0]
+    for i in range(size):
+        reduced[i], reduced[size + i] = b[m + i], b[m + size + i]
+    if exact:
+        reduced[size] = arrival_rate(z, 0, m, arrivals, span, b[m + size])
+    for i in range(m):
+        reduced[2 * size + i] = parameter_derivative(b, i, m, drift, count == 1)
+        reduced[2 * size + m + i] = -right * b[i]
+    sign, logarithm = 1.0, 0.0
+    for k in range(1, count):
+        b = blocks[k]
+        for i in range(m):
+            upper, lower = work[i], work[m + i]
+            for j in range(m):
+                upper[j], lower[j] = reduced[size + m * i + j], b[m + m * i + j]
+                upper[m + j], lower[m + j] = reduced[m * i + j], 0.0
+                upper[2 * m + j], lower[2 * m + j] = 0.0, b[m + size + m * i + j]
+            upper[3 * m] = reduced[2 * size + i]
+            lower[3 * m] = parameter_derivative(b, i, m, drift, k + 1 == count)
+            upper[3 * m + 1], lower[3 * m + 1] = reduced[2 * size + m + i], -right * b[i]
+        if exact:
+            work[m][2 * m] = arrival_rate(z, k, m, arrivals, span, b[m + size])
+        if not reflect(work, m):
+            sign = 0.0
+            break
+        row = kept[k]
+        for i in range(m):
+            pivot = work[i][i]
+            sign = -sign if pivot < 0.0 else sign
+            logarithm += math.log(abs(pivot))
+            for j in range(3 * m + 2):
+                row[(3 * m + 2) * i + j] = work[i][j]
+            lower = work[m + i]
+            for j in range(m):
+                reduced[m * i + j], reduced[size + m * i + j] = lower[m + j], lower[2 * m + j]
+            reduced[2 * size + i], reduced[2 * size + m + i] = lower[3 * m], lower[3 * m + 1]
+    reduced[2 * size + 2 * m], reduced[2 * size + 2 * m + 1] = sign, logarithm
+
+
+def reflect(work: Table, m: int) -> bool:
+    """Make the first m columns of 2m rows triangular; whether none of them vanishes."""
+    width = 3 * m + 2
+    for c in range(m):
+        size = 0.0
+        for i in range(c, 2 * m):
+            size += work[i][c] * work[i][c]
+        size = math.sqrt(size)
+        if not size > 0.0:
+            return False
+        first = work[c][c]
+        pivot = -size if first >= 0.0 else size
+        first -= pivot
+        factor = -1.0 / (pivot * first)
+        for j in range(c + 1, width):
+            s = first * work[c][j]
+            for i in range(c + 1, 2 * m):
+                s += work[i][c] * work[i][j]
+            s *= factor
+            work[c][j] -= s * first
+            for i in range(c + 1, 2 * m):
+                work[i][j] -= s * work[i][c]
+        work[c][c] = pivot
+    return True
+
+
+def solve(orbit: ChainVectors, row: Vector, g: float, out: Vector) -> float:
+    """Solve the system bordered by a row with the right side g, from what `eliminate` has left.
+
+    Returns the determinant of the rows left and the border; 0 (or NaN) where there is no solution.
+    """
+    count, m, free_period = len(orbit.kinds), orbit.counts[UNKNOWNS], orbit.counts[PERIODS] == 0
+    reduced, kept, work = orbit.reduced, orbit.kept, orbit.work
+    size, width = m * m, 3 * m + 2
+    for i in range(m):
+        for j in range(m):
+            work[i][j] = reduced[m * i + j] + reduced[size + m * i + j]
+        if free_period:
+            work[i][0] = reduced[m * i]
+        work[i][m], work[i][m + 1] = reduced[2 * size + i], reduced[2 * size + m + i]
+    eliminate_border(orbit, row, g)
+    if reduced[2 * size + 2 * m] == 0.0:
+        return 0.0
+    determinant = triangular(work, m + 1, m + 2)
+    if not abs(determinant) > 0.0:
+        return 0.0
+    for i in range(m, -1, -1):
+        x = work[i][m + 1]
+        for j in range(i + 1, m + 1):
+            x -= work[i][j] * (out[m * count] if j == m else out[j])
+        x /= work[i][i]
+        if i == m:
+            out[m * count] = x
+        else:
+            out[i] = x
+    for k in range(count - 1, 0, -1):
+        row = kept[k]
+        later = (m * (k + 1)) % (m * count)
+        for i in range(m - 1, -1, -1):
+            at = width * i
+            x = row[at + 3 * m + 1] - row[at + 3 * m] * out[m * count]
+            for j in range(m):
+                known = row[at + 2 * m + j] * out[later + j]
+                if free_period and j == 0 and later == 0:
+                    known = 0.0
+                x -= row[at + m + j] * out[j] + known
+            for j in range(i + 1, m):
+                x -= row[at + j] * out[m * k + j]
+            out[m * k + i] = x / row[at + i]
+    return determinant
+
+
+def eliminate_border(orbit: ChainVectors, row: Vector, g: float) -> None:
+    """Fill in the border in z_1 and lambda alone, and its right side, in row m of `work`, where the
+    next one is scratch space."""
+    count, m, kept = len(orbit.kinds), orbit.counts[UNKNOWNS], orbit.kept
+    border, left, free_period = orbit.work[m], orbit.work[m + 1], orbit.counts[PERIODS] == 0
+    width = 3 * m + 2
+    for i in range(m):
+        border[i], left[i] = row[i], 0.0
+    border[m], border[m + 1] = row[m * count], g
+    for k in range(1, count):
+        known = kept[k]
+        for i in range(m):
+            x = row[m * k + i] + left[i]
+            for j in range(i):
+                x -= left[m + j] * known[width * j + i]
+            left[m + i] = x / known[width * i + i] if known[width * i + i] != 0.0 else math.nan
+        for i in range(m):
+            left[i] = 0.0
+        for j in range(m):
+            factor, at = left[m + j], width * j
+            for i in range(m):
+                border[i] -= factor * known[at + m + i]
+                left[i] -= factor * known[at + 2 * m + i]
+            border[m] -= factor * known[at + 3 * m]
+            border[m + 1] -= factor * known[at + 3 * m + 1]
+    for i in range(m):
+        if not (free_period and i == 0):
+            border[i] += left[i]
+
+
+def triangular(work: Table, size: int, width: int) -> float:
+    """Make a matrix upper triangular with partial pivoting; returns its determinant, 0 where none
+    was found."""
+    determinant = 1.0
+    for c in range(size):
+        best = c
+        for i in range(c + 1, size):
+            if abs(work[i][c]) > abs(work[best][c]):
+                best = i
+        if not abs(work[best][c]) > 0.0:
+            return 0.0
+        if best != c:
+            determinant = -determinant
+            for j in range(c, width):
+                work[c][j], work[best][j] = work[best][j], work[c][j]
+        determinant *= work[c][c]
+        for i in range(c + 1, size):
+            factor = work[i][c] / work[c][c]
+            for j in range(c + 1, width):
+                work[i][j] -= factor * work[c][j]
+    return determinant
+
+
+def row_norms(orbit: ChainVectors, mu: float, scale: Vector, free: float) -> float:
+    """Return the logarithm of the product of the rows' norms in the cyclic matrix.
+
+    The last coupling is multiplied by mu, the column of lambda by `free`, and the others by the
+    sizes in `scale`; with a `free` of zero, lambda and the sizes are left out. Where the period is
+    free, the matrix is the Jacobian for a positive mu, and that of the multipliers for a negative
+    one.
+    """
+    count, m, free_period = len(orbit.kinds), orbit.counts[UNKNOWNS], orbit.counts[PERIODS] == 0
+    logarithm, size, drift = 0.0, m * m, orbit.clock[1]
+    for k in range(count):
+        b, here = orbit.blocks[k], m * k
+        there = here + m if k + 1 < count else 0
+        for i in range(m):
+            total = free * parameter_derivative(b, i, m, drift, k + 1 == count)
+            total *= total
+            for j in range(m):
+                one, other = b[m + m * i + j], b[m + size + m * i + j]
+                if free_period and j == 0:
+                    other = 0.0 if mu > 0.0 and k + 1 == count else other
+                    one = 0.0 if mu < 0.0 and k == 0 else one
+                if count == 1:
+                    one, other = one + mu * other, 0.0
+                if free > 0.0:
+                    one, other = one * scale[here + j], other * scale[there + j]
+                total += one * one + other * other
+            if not total > 0.0:
+                return -math.inf
+            logarithm += math.log(total)
+    return 0.5 * logarithm
+
+
+def doubling(reduced: Vector, work: Table, m: int, free_period: bool) -> float:
+    """Return the determinant of P - Q."""
+    size = m * m
+    for i in range(m):
+        for j in range(m):
+            work[i][j] = reduced[m * i + j] - reduced[size + m * i + j]
+        if free_period:
+            work[i][0] = -reduced[size + m * i]
+    return triangular(work, m, m)
 
 
 def chain_step(orbit: ChainVectors, row: Vector, g: float, out: Vector) -> bool:
     """Fill `out` with Newton's step at the point last evaluated; whether there is one."""
-    eliminate_chain(orbit, 1.0, False, out)
-    count, m, free = len(orbit.kinds), orbit.counts[UNKNOWNS], orbit.counts[PERIODS] == 0
-    return abs(solve(orbit.reduced, orbit.kept, orbit.work, count, m, free, row, g, out)) > 0.0
+    eliminate(orbit, 1.0, False, out)
+    return abs(solve(orbit, row, g, out)) > 0.0
 
 
 def tangent_of_chain(
     orbit: ChainVectors, z: Vector, row: Vector, scale: Vector, out: Vector
 ) -> float:
     """Fill `out` with the unit tangent; see `diagrams.orbit_functions.tangent_of_cycle`."""
-    count, m, free = len(orbit.kinds), orbit.counts[UNKNOWNS], orbit.counts[PERIODS] == 0
-    n = m * count
-    eliminate_chain(orbit, 0.0, True, z)
-    det = solve(orbit.reduced, orbit.kept, orbit.work, count, m, free, row, 1.0, out)
+    m = orbit.counts[UNKNOWNS]
+    n = m * len(orbit.kinds)
+    eliminate(orbit, 0.0, True, z)
+    det = solve(orbit, row, 1.0, out)
     size = 0.0
     for i in range(n + 1):
         part = out[i] / scale[i]
@@ -458,7 +389,7 @@ def tangent_of_chain(
     for i in range(n + 1):
         sizes += math.log(scale[i])
         out[i] /= size
-    norms = row_norms(orbit.blocks, count, m, free, orbit.clock[1], 1.0, scale, scale[n])
+    norms = row_norms(orbit, 1.0, scale, scale[n])
     at = 2 * m * m + 2 * m
     sign, logarithm = orbit.reduced[at], orbit.reduced[at + 1]
     return scale_determinant(sign, logarithm + sizes, det * size, norms)
@@ -496,7 +427,7 @@ def observe_chain(
     row[at], row[at + 1] = clock[0], math.nan
     if counts[DOUBLING] != 0:
         det, place = doubling(orbit.reduced, orbit.work, m, free), 2 * m * m + 2 * m
-        norms = row_norms(orbit.blocks, count, m, free, clock[1], -1.0, orbit.ends, 0.0)
+        norms = row_norms(orbit, -1.0, orbit.ends, 0.0)
         sign, logarithm = orbit.reduced[place], orbit.reduced[place + 1]
         row[at + 1] = scale_determinant(sign, logarithm, det, norms)
     at += 2
