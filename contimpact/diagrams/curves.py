@@ -58,7 +58,7 @@ from ..progress import Asked, progress_callback
 from ..results.branch import Entry, all_parameters, columns_of, model_of
 from ..results.curve import Codim2, Curve
 from ..results.diagram import entry_first, impacts_of, to_orbit
-from ..results.options import CURVE_SETTINGS
+from ..results.options import CURVE_SETTINGS, check_range
 from ..segments.kernels import Kernels
 from .curve_problem import (
     CurvePoint,
@@ -439,21 +439,6 @@ def walk_curve(
     if not forward.points or (start_lost and forward.end.kind is EndKind.VANISHED):
         return forward.end
     return other_way(forward, last, lambda: go(-1)), forward
-
-
-def check_range(model: Model, parameter: str, value: float, limits: object) -> Range:
-    """The range as floats; it must hold a value."""
-    where = f"range of {parameter}"
-    declared = model.require(parameter, "parameter")
-    if not isinstance(limits, Sequence | np.ndarray) or len(limits) != 2:
-        raise InputError(where, f"found {limits!r}", "give (low, high)")
-    low, high = (declared.check(limit, where) for limit in limits)
-    if not low < high:
-        raise InputError(where, f"found {limits!r}", "give (low, high)")
-    if not low <= value <= high:
-        found = f"({low:.12g}, {high:.12g}) does not hold {value:.12g}"
-        raise InputError(where, found, "widen it")
-    return low, high
 
 
 SLOW = 1e-6

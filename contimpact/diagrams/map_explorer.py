@@ -41,7 +41,7 @@ from ..results.curve import (
     regions,
 )
 from ..results.diagram import ENDING, Diagram, Limits, entry_of, failure_of
-from ..results.options import CURVE_SETTINGS, CurveOptions
+from ..results.options import CURVE_SETTINGS, CurveOptions, check_range
 from ..results.scene import Scene
 from ..segments.kernels import Kernels
 from .areas import Divider
@@ -53,7 +53,7 @@ from .curve_problem import (
     require_curve,
     starts_at,
 )
-from .curves import Range, check_range, clip_rounding, curve_from_walks, follow_curve, walk_curve
+from .curves import Range, clip_rounding, curve_from_walks, follow_curve, walk_curve
 from .map_lines import (
     Lines,
     first_bifurcation,

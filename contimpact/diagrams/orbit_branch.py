@@ -21,14 +21,8 @@ from ..orbits.quiet import problem_in
 from ..progress import Asked, progress_callback
 from ..results.branch import Branch, Entry
 from ..results.diagram import Diagram, entry_by_name, entry_first, event_of, to_orbit
-from .orbit_walks import (
-    Callback,
-    check_range,
-    orbit_beside,
-    run_born,
-    symmetric_end,
-    walk_both_ways,
-)
+from ..results.options import check_range
+from .orbit_walks import Callback, orbit_beside, run_born, symmetric_end, walk_both_ways
 
 UserEvent = tuple[str, Callable[[Orbit], float]]
 
@@ -96,7 +90,7 @@ def continue_orbit(
     unknowns = orbit.unknowns
     if parameter != problem.parameter:
         problem, unknowns = problem_in(parameter, orbit.model, orbit.linearisation)
-    limits = check_range(problem, range, float(unknowns[-1]))
+    limits = _limits(problem, float(unknowns[-1]), range)
     stop, tests = symmetric_end(problem), tests_of_events(problem, events, values)
     settings = _numerics(settings)
     if isinstance(given, Entry) and given.tangent is not None and problem is orbit.problem:
@@ -107,6 +101,13 @@ def continue_orbit(
     with progress_callback(progress, what, problem.parameter, callback) as told:
         run = walk_both_ways(problem, unknowns, limits, tests, settings, told, stop, unphysical)
     return retry_interrupted(lambda: run.branch(name, kinds=[test.kind for test in tests]))
+
+
+def _limits(problem: OrbitProblem, start: float, limits: object) -> tuple[float, float]:
+    """The range to follow an orbit in, at whose ends the model holds."""
+    low, high = check_range(problem.model, problem.parameter, start, limits, "range")
+    problem.model.validate_between(problem.parameter, low, high, "range")
+    return low, high
 
 
 def _numerics(given: Settings | Mapping[str, Any] | None) -> Settings:
@@ -205,7 +206,7 @@ def continue_born(
         return None
     start = primitive_start(start)
     problem = start.problem
-    limits = check_range(problem, range, entry.value)
+    limits = _limits(problem, entry.value, range)
     tests = tests_of_events(problem, events, values)
     place = {"entry": entry.id, "parent": entry.branch}
     born = End.of(EndKind.BORN, entry.parameter, entry.value, **place)

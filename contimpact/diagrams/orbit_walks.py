@@ -33,10 +33,10 @@ from ..continuation.branch import (
 )
 from ..continuation.corrector import EPSILON, correct
 from ..continuation.events import separate_events, snap_to_points
-from ..continuation.settings import Settings, require_width
+from ..continuation.settings import Settings
 from ..continuation.step import Backend, Batch, DenseBackend, Position
 from ..continuation.walk import SAME_SOLUTION, Options, Policy, keep_interrupted, other_way, walk
-from ..errors import InputError, short_repr
+from ..errors import InputError
 from ..models.guards import Word
 from ..models.model import Symmetry
 from ..orbits.problem import Linearisation, OrbitProblem
@@ -737,21 +737,3 @@ def orbit_beside(
         if len(probe.points) > 1:
             return probe.points[-1].unknowns
     return unknowns
-
-
-def check_range(
-    problem: OrbitProblem, limits: tuple[float, float] | None, start: float
-) -> tuple[float, float]:
-    """Return the range as floats, or raise `InputError` if it does not fit."""
-    declared = problem.model.require(problem.parameter, "parameter")
-    if not isinstance(limits, Sequence | np.ndarray) or len(limits) != 2:
-        found = "missing" if limits is None else f"found {short_repr(limits)}"
-        raise InputError("range", found, f"give (low, high), values of {problem.parameter}")
-    low, high = (declared.check(limit, "range") for limit in limits)
-    if not low < high or not low <= start <= high:
-        at = f"{problem.parameter} = {start:.12g}"
-        found = f"({low:.12g}, {high:.12g}) does not hold the start {at}"
-        raise InputError("range", found, "give low < high around the start")
-    require_width(low, high, "range")
-    problem.model.validate_between(problem.parameter, low, high, "range")
-    return low, high

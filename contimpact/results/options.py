@@ -41,17 +41,34 @@ def one_of(known: Callable[[Any], Sequence[str]], what: str = "") -> Callable[..
     return check
 
 
-def range_around_start(
-    limits: tuple[float, float], where: str, model: Model, name: str
+def check_range(
+    model: Model,
+    name: str,
+    start: float,
+    limits: Any,
+    where: str = "",
+    remedy: str = "give low < high around the start",
 ) -> tuple[float, float]:
     """Return the range of a parameter if it is admitted and holds the value at the start."""
-    declared, start = model.require(name, where), model.values[name]
+    where = where or f"range of {name}"
+    declared = model.require(name, "parameter")
+    if not hasattr(limits, "__getitem__") or len(limits) != 2:
+        found = "missing" if limits is None else f"found {short_repr(limits)}"
+        raise InputError(where, found, f"give (low, high), values of {name}")
     low, high = (declared.check(value, where) for value in limits)
     if not low <= start <= high:
         found = f"[{low:.12g}, {high:.12g}] does not hold the start {name} = {start:.12g}"
-        raise InputError(where, found, f"widen it or change model.parameters.{name}")
+        raise InputError(where, found, remedy)
     require_width(low, high, where)
     return low, high
+
+
+def range_in_scene(
+    limits: tuple[float, float], where: str, model: Model, name: str
+) -> tuple[float, float]:
+    """Return the range of a parameter that a key gives, as `check_range`."""
+    remedy = f"widen it or change model.parameters.{name}"
+    return check_range(model, name, model.values[name], limits, where, remedy)
 
 
 def within(
@@ -180,7 +197,7 @@ def _third(
         raise InputError(table.place("parameter"), found, "give another one")
     limits = table.get("range", tuple[float, float])
     table.finish()
-    return name, range_around_start(limits, table.place("range"), here.scene.model, name)
+    return name, range_in_scene(limits, table.place("range"), here.scene.model, name)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,7 +209,7 @@ class CurveOptions:
     )
     range: tuple[float, float] = key(
         doc="its range; it contains the scene's own value",
-        check=lambda limits, where, here: range_around_start(
+        check=lambda limits, where, here: range_in_scene(
             limits, where, here.scene.model, here.parameter
         ),
     )

@@ -61,7 +61,7 @@ from .options import (
     MarginOptions,
     PlotOptions,
     SimulateOptions,
-    range_around_start,
+    range_in_scene,
     within,
 )
 
@@ -370,7 +370,7 @@ def read_model(given: Mapping[str, Any], systems: Mapping[str, type[Model]] | No
 
 
 def _range(limits: tuple[float, float], where: str, here: Any) -> tuple[float, float]:
-    low, high = range_around_start(limits, where, here.model, here.parameter)
+    low, high = range_in_scene(limits, where, here.model, here.parameter)
     here.model.validate_between(here.parameter, low, high, where)
     return low, high
 

@@ -15,7 +15,6 @@ from zoo import ROOT
 
 import contimpact as ci
 from contimpact.accuracy.reference import Reference
-from contimpact.diagrams.curves import check_range
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.errors import InputError
 from contimpact.models.equations import equations_of
@@ -24,6 +23,7 @@ from contimpact.orbits import outputs
 from contimpact.orbits.orbit import Orbit
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
+from contimpact.results.options import check_range
 from contimpact.segments.checking import check_model
 from contimpact.segments.kernels import Kernels
 from contimpact.simulation.simulator import Simulator
