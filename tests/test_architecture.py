@@ -208,7 +208,6 @@ def test_a_system_imports_models_and_what_it_extends(module):
         "switching",
         "machine",
         "stated_modes",
-        "stated_symmetry",
         "expressions",
         "symbols",
     )

@@ -309,8 +309,7 @@ def _machine(table: Table, kind: type[Model]) -> Model:
 
 def _modes(table: Table, kind: type[Model]) -> Model:
     """The hybrid system that [model] states."""
-    from ..models.stated_modes import modes_of_table
-    from ..models.stated_symmetry import check_symmetry
+    from ..models.stated_modes import check_symmetry, modes_of_table
 
     given = {name: table.table(name).data for name in ("modes", "guards")}
     optional = ("define", "mass", "symmetry")

@@ -21,8 +21,15 @@ from ..models.expressions import CONSTANTS, FUNCTIONS, names_in
 from ..models.machine import TIME, Machine, StatedGuard, StatedSystem, check_values, statement_of
 from ..models.model import Example, Formulas, Geometry, Guard, Mode, Parameter, Symmetry, Wall
 from ..models.stated_modes import StatedGuard as ModeGuard
-from ..models.stated_modes import StatedMode, StatedModes, check_masses, usable_definitions
-from ..models.stated_symmetry import check_guard_images, guard_images, symmetric_shift
+from ..models.stated_modes import (
+    StatedMode,
+    StatedModes,
+    check_guard_images,
+    check_masses,
+    guard_images,
+    symmetric_shift,
+    usable_definitions,
+)
 
 _LINEAR = """\
 coordinates = ["x1", "x2"]           # M x'' + C x' + K x = f(t)
