@@ -144,6 +144,7 @@ class PD(Kind):
     name = PeriodDoubling.kind
     changes = Change.STABILITY
     multiplier = -1.0
+    shorter_at = ("PD-V",)
     auto = 7
     look = Look("s", "#0072B2", 1.8)
 

@@ -83,7 +83,7 @@ class FB(Kind):
     name = Fold.kind
     changes = Change.STABILITY
     multiplier = 1.0
-    shorter_at = ("PD", "GPD")
+    shorter_at = ("GPD", "PD-V")
     auto = 5
     look = Look("^", "#D55E00", 0.8, "..")
 

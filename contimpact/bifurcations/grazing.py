@@ -283,7 +283,7 @@ class G(Kind):
     changes = Change.PHYSICALITY
     finding = PASSES
     needed = ("flight", "wall", "touch_time")
-    shorter_at = ("PD", "PD-G")
+    shorter_at = ("PD-G",)
     look = Look("o", "#009E73", hatch="//////")
 
     def test(self, problem: OrbitProblem, values: Values) -> TestFunction[Linearisation]:

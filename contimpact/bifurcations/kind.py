@@ -245,9 +245,9 @@ class Kind(ABC):
     """Keys of its details without which an entry cannot be restored."""
     tilde: bool = True
     """Whether the labels of ghosts are marked."""
-    shorter_at: tuple[str, str] | None = None
-    """Where its curves of doubled orbits become the orbit itself: the kind whose curve they meet,
-    and the point of codimension two on it."""
+    shorter_at: tuple[str, ...] = ()
+    """Points of codimension two on the orbit's curve of PD at which curves of this kind of doubled
+    orbits may become the orbit itself."""
     auto: int = -4
     """AUTO-07p's code for it; -4 is its code for a value asked for."""
     look: Look = Look()

@@ -228,7 +228,7 @@ class V(Kind):
     changes = Change.PHYSICALITY
     finding = WRONG_WAY
     needed = ("impact",)
-    shorter_at = ("PD", "PD-V")
+    shorter_at = ("PD-V",)
     look = Look("v", "#B8860B")
 
     def test(self, problem: OrbitProblem, values: Values) -> TestFunction[Linearisation]:

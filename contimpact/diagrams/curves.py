@@ -20,6 +20,7 @@ from ..bifurcations.at_rest import difference_gradient, points_at_rest, sizes_of
 from ..bifurcations.codimension_two import double_orbit, leaving_tests
 from ..bifurcations.declarations import REQUESTED
 from ..bifurcations.extended_system import (
+    CONVERGED,
     EPSILON,
     ExtendedSystem,
     SystemEvaluation,
@@ -162,7 +163,7 @@ NEAR = 0.1
 
 ROUNDING = 1e-14
 
-OWN_ITERATIONS = 3
+OWN_ITERATIONS = 6
 """Newton's steps from the guess of what an event adds to its orbit, that orbit being exact."""
 
 
@@ -215,33 +216,47 @@ def crossing(problem: Problem[CurvePoint], guess: Point, scale: Array) -> Meetin
 
 
 def solve_repetition(here: CurvePoint) -> Location | None:
-    """Solve for the point next to one of a doubled orbit's curve where it is the orbit run twice:
-    that of codimension two on the orbit's PD. None if there is none."""
-    curve, problem = here.problem, here.orbit.problem
-    halves, crossed = problem.word.repeated(), curve.kind.shorter_at
-    if crossed is None or not problem.word.walls or not halves:
+    """Solve for the point nearest to one of a doubled orbit's curve where it is the orbit run
+    twice: one of codimension two on the orbit's PD. None if there is none."""
+    problem = here.orbit.problem
+    halves = problem.word.repeated()
+    if not problem.word.walls or not halves or 2 * len(halves[-1]) != len(problem.word):
         return None
-    if 2 * len(halves[-1]) != len(problem.word):
-        return None
-    kind, name = crossed
     short = problem_of(problem.model, halves[-1], problem.kernels)
     mean = short.evaluate(_mean_half(here.orbit, short))
+    found = [_repetition_at(here, mean, name) for name in here.problem.kind.shorter_at]
+    problem.kernel_evaluations += short.kernel_evaluations
+    scale = here.problem.scale(here.unknowns, abs(here.unknowns[-1]))
+    return min(
+        (location for location in found if location is not None),
+        key=lambda location: length(location.unknowns - here.unknowns, scale),
+        default=None,
+    )
+
+
+def _repetition_at(here: CurvePoint, mean: Linearisation, name: str) -> Location | None:
+    """The point of the curve where its orbit is one run twice that is next to `mean` and is of
+    codimension two, of that name, on the curve of its PD."""
+    curve = here.problem
     try:
-        system = double_of(mean, name, kind_of(kind), {}).system
+        system = double_of(mean, name, kind_of("PD"), {}).system
     except InputError:  # the mean has no such point near: it touches nothing
         return None
     solution = solve(system, mean)
-    problem.kernel_evaluations += short.kernel_evaluations
     if solution is None:
         return None
-    orbit = double_orbit(short.evaluate(solution.unknowns))
+    orbit = double_orbit(mean.problem.evaluate(solution.unknowns))
     own = curve.system.start(orbit)
     own *= np.sign(own @ here.own) or 1.0
     at = curve.system.assemble(orbit, own)  # the time of a touch is a guess as yet
     for _ in range(OWN_ITERATIONS):
         by_own = at.jacobian[:, len(orbit.unknowns) :]
-        own = own - np.linalg.lstsq(by_own, at.residual, rcond=None)[0]
+        asked = at.residual + by_own @ (here.own - own)  # of several solutions the nearest
+        own = here.own - np.linalg.lstsq(by_own, asked, rcond=SAME_ORBIT)[0]
         at = curve.system.assemble(orbit, own)
+    units = curve.system.sizes_at(at, orbit, own)
+    if not np.all(np.abs(at.residual) < CONVERGED * units):  # the orbit has another multiplier
+        return None
     return Location(curve.packed(orbit.unknowns, own), solution.residual, solution.error)
 
 

@@ -1,10 +1,13 @@
 """Orbits, events and curves of integrated flights are those of the same flights in closed form."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 from integrated import MASSES, Integrated, IntegratedMasses
+from scipy.integrate import solve_ivp
+from scipy.optimize import fsolve
 
 import contimpact as ci
 from contimpact.accuracy.reference import Reference
@@ -13,6 +16,8 @@ from contimpact.segments.integration import Integrator
 from contimpact.systems.oscillator import Oscillator
 from contimpact.systems.pendulum import Pendulum
 from contimpact.systems.two_masses import TwoMasses
+
+ROOT = Path(__file__).parents[2]
 
 OSCILLATOR = {"a": 1.0, "omega": 1.3, "c": 0.1, "k": 1.0, "sigma": 0.5, "r": 0.8}
 pytest.importorskip("heyoka", reason="needs contimpact[ode]")
@@ -139,3 +144,33 @@ def test_a_period_doubling_without_impacts():
     assert np.max(np.abs(moved)) > 0.01  # not back after one period
     here = last.linearisation  # a point of a walk, solved to its tolerance
     assert np.max(np.abs(here.residual) / here.sizes[0]) <= Settings().tolerance
+
+
+def touch_that_forgets_its_velocity(unknowns):
+    """The orbit 0 of the Duffing oscillator, from a touch to the next one, and what a velocity at
+    the first one changes the position at the second by: zero where T, the trace of the return
+    map times the velocity, vanishes."""
+    time, omega, a = unknowns
+
+    def rates(t, y):
+        stiffness = 1.0 + 3.0 * y[0] ** 2
+        force = a * np.cos(omega * t) - 0.1 * y[1] - y[0] - y[0] ** 3
+        return [y[1], force, y[3], -0.1 * y[3] - stiffness * y[2]]
+
+    span = time, time + 2.0 * np.pi / omega
+    motion = solve_ivp(rates, span, [0.8, 0.0, 0.0, 1.0], "DOP853", rtol=1e-12, atol=1e-13)
+    x, v, moved, _ = motion.y[:, -1]
+    return [x - 0.8, v, moved]
+
+
+@pytest.mark.full
+def test_a_doubling_of_a_doubled_orbit_ends_where_both_of_its_impacts_are_at_rest():
+    """It ended nowhere: the curve passed two points PD-V, wrong by 2e-5, and what was beyond."""
+    entry = next(e for e in ci.load_entries(ROOT / "branches" / "duffing") if e.id == "e15")
+    curve = ci.follow_curve(entry, second="a", first_range=(0.87, 0.93), second_range=(0.49, 0.57))
+    _, omega, a = fsolve(touch_that_forgets_its_velocity, [0.146, 0.895, 0.522], xtol=1e-13)
+    (row,) = (k for k, end in zip((0, -1), curve.ends, strict=True) if end.kind.name == "SHORTER")
+    assert curve["omega"][row] == pytest.approx(omega, abs=1e-10)
+    assert curve["a"][row] == pytest.approx(a, abs=1e-10)
+    assert curve.missed == []
+    assert [point.kind for point in curve.points] == ["GPD"]
