@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
@@ -22,6 +23,7 @@ from ..bifurcations.declarations import REQUESTED
 from ..bifurcations.extended_system import (
     CONVERGED,
     EPSILON,
+    UNIT_CIRCLE,
     ExtendedSystem,
     SystemEvaluation,
     leaves_no_trace,
@@ -638,6 +640,8 @@ def _columns(points: Sequence[Point], marks: Sequence[tuple[Point, str]]) -> dic
         # what an orbit violates on one side of a marked point vanishes there but for rounding
         if row["event"] not in ("", REQUESTED) and before["physical"] != after["physical"]:
             row |= {"physical": 1, "reason": ""}
+        if np.isnan(row.get("multiplier1_re", 0.0)):
+            row["n_unstable"] = before["n_unstable"]
     columns = {}
     for name, first in rows[0].items():
         kind = {str: object, int: np.int64}.get(type(first), float)
@@ -652,6 +656,10 @@ def _row(point: Point[CurvePoint], sides: list[float]) -> dict[str, float | str]
     names = columns_of(orbit.problem.word.walls, orbit.problem.m)
     row |= dict(zip(names, orbit.unknowns.tolist(), strict=False))
     multipliers, n_unstable = kind.multipliers(orbit, details)
+    if kind.multiplier is not None and orbit.resting:
+        away = np.abs(multipliers - kind.multiplier)
+        if not np.any(away < UNIT_CIRCLE):  # C(mu) is singular for every mu: none is a multiplier
+            multipliers = np.full(len(multipliers), complex(math.nan, math.nan))
     for k, mu in enumerate(multipliers.tolist(), start=1):
         row |= {f"multiplier{k}_re": mu.real, f"multiplier{k}_im": mu.imag}
     verdict = kind.verdict_on_branch(orbit, details, sides=sides)

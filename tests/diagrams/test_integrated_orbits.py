@@ -174,3 +174,14 @@ def test_a_doubling_of_a_doubled_orbit_ends_where_both_of_its_impacts_are_at_res
     assert curve["a"][row] == pytest.approx(a, abs=1e-10)
     assert curve.missed == []
     assert [point.kind for point in curve.points] == ["GPD"]
+
+
+@pytest.mark.full
+def test_an_orbit_at_rest_on_a_curve_of_doublings_has_no_multipliers():
+    """C(mu) is singular for every mu at this PD-V: the row had -29.97, and one unstable."""
+    entry = next(e for e in ci.load_entries(ROOT / "branches" / "duffing") if e.id == "e12")
+    curve = ci.follow_curve(entry, second="a", first_range=(0.88, 0.93), second_range=(0.49, 0.53))
+    (row,) = np.flatnonzero(curve["event"] == "c1.1")
+    assert curve.points[0].kind == "PD-V"
+    assert np.isnan(curve["multiplier1_re"][row])
+    assert set(curve["n_unstable"]) == {0}
