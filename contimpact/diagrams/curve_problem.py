@@ -456,17 +456,16 @@ def _time_of_touch(here: Linearisation, flight: int, wall: str) -> float:
     Its smallest gap may be another one, where the flight passes the wall.
     """
     problem = here.problem
-    values, rows = problem.values(here.unknowns), problem.impacts(here.unknowns)
-    times = np.append(rows[:, 0], rows[0, 0] + here.span)
+    values = problem.values(here.unknowns)
+    begin, end = problem.times_around(here.unknowns, flight)
     away = problem.kernels.setup(*values).walls[problem.model.letters.index(wall)]
-    left, _ = problem.leaving(here.unknowns, flight)
+    left, row = problem.leaving(here.unknowns, flight)
     motion = problem.kernels.gap_after(left, wall)
-    length, row = times[flight + 1] - times[flight], rows[flight].tolist()
-    inside = np.linspace(0.0, length, SAMPLES + 2)[1:-1]
+    inside = np.linspace(0.0, end - begin, SAMPLES + 2)[1:-1]
     tracks = [motion(*row, dt, *values)[:2] for dt in inside.tolist()]
     gap, velocity = np.transpose(tracks) - [[away], [0.0]]
     nearest = np.argmin((gap / np.ptp(gap)) ** 2 + (velocity / np.ptp(velocity)) ** 2)
-    return float(row[0] + inside[nearest])
+    return float(begin + inside[nearest])
 
 
 def _curve_tests(kind: Kind, problem: OrbitProblem) -> list[CurveTest]:
