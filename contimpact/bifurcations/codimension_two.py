@@ -66,16 +66,14 @@ class CurveStart:
     given the equations and the latter. Without it the solutions are one curve."""
 
 
-def double_orbit(here: Linearisation) -> Linearisation:
-    """Return an orbit run twice, as one of the doubled word."""
-    problem = here.problem
-    rows, span = problem.impacts(here.unknowns), here.span
-    later = rows.copy()
-    later[:, 0] += span
-    word = Word(problem.word.walls * 2, problem.word.period * 2)
-    doubled = problem_of(problem.model, word, problem.kernels)
-    both = np.vstack([rows, later])
-    return doubled.evaluate(doubled.with_impacts(both, 2.0 * span, here.unknowns))
+def repeat_orbit(here: Linearisation, times: int = 2) -> Linearisation:
+    """Return an orbit run several times, as one of the word that repeats its own."""
+    problem, span = here.problem, here.span
+    rows = np.tile(problem.impacts(here.unknowns), (times, 1))
+    rows[:, 0] += span * np.repeat(np.arange(times), len(rows) // times)
+    word = Word(problem.word.walls * times, problem.word.period * times)
+    longer = problem_of(problem.model, word, problem.kernels)
+    return longer.evaluate(longer.with_impacts(rows, times * span, here.unknowns))
 
 
 MARKERS = {

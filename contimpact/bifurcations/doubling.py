@@ -35,8 +35,8 @@ from .codimension_two import (
     PairCoincides,
     Resonance,
     SecondEigenvector,
-    double_orbit,
     leaving_tests,
+    repeat_orbit,
     scaled_determinant,
 )
 from .extended_system import (
@@ -110,7 +110,7 @@ class DoublingTurns(CurveTest):
             back = 2.0 * orbit.problem.laps(bent, bent)
             return np.append(own, np.zeros(orbit.problem.free)), back
 
-        return [CurveStart("FB", double_orbit(orbit), {}, leaves)]
+        return [CurveStart("FB", repeat_orbit(orbit), {}, leaves)]
 
 
 class DoublingGrazes(GrazingCoincides):
@@ -119,7 +119,7 @@ class DoublingGrazes(GrazingCoincides):
     def born(self, here: CurvePoint, index: int) -> list[CurveStart]:
         touch = self.touches(here)[index]
         assert touch is not None, "only a gap that exists has a zero"
-        doubled, n = double_orbit(here.orbit), here.orbit.problem.n
+        doubled, n = repeat_orbit(here.orbit), here.orbit.problem.n
         details = {"flight": touch.flight, "wall": touch.wall, "touch_time": touch.time}
         jacobian = SingularCycle(here.orbit.problem, -1.0).assemble(here.orbit, here.own).jacobian
         along = np.linalg.svd(jacobian)[2][-1, : len(here.orbit.unknowns)]
@@ -167,7 +167,7 @@ class PD(Kind):
             assert isinstance(doubled, QuietProblem)
             unknowns, tangent = doubled.second_lap(here.unknowns, np.append(null, 0.0))
             return Start(doubled, unknowns, tangent, branching=True, both_ways=False)
-        tangent, both = np.append(problem.laps(null, -null), 0.0), double_orbit(here)
+        tangent, both = np.append(problem.laps(null, -null), 0.0), repeat_orbit(here)
         return Start(both.problem, both.unknowns, tangent, branching=True, both_ways=False)
 
     def criticality(

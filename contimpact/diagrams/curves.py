@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..bifurcations.at_rest import difference_gradient, points_at_rest, sizes_of
-from ..bifurcations.codimension_two import double_orbit, leaving_tests
+from ..bifurcations.codimension_two import leaving_tests, repeat_orbit
 from ..bifurcations.declarations import REQUESTED
 from ..bifurcations.extended_system import (
     CONVERGED,
@@ -165,6 +165,10 @@ NEAR = 0.1
 
 ROUNDING = 1e-14
 
+AT_REST = "PD-V"
+"""The point at which curves of orbits of any number of laps may end, as C(mu) is singular for every
+mu: at the others a multiplier is -1, and doubled orbits alone begin."""
+
 OWN_ITERATIONS = 6
 """Newton's steps from the guess of what an event adds to its orbit, that orbit being exact."""
 
@@ -218,17 +222,22 @@ def crossing(problem: Problem[CurvePoint], guess: Point, scale: Array) -> Meetin
 
 
 def solve_repetition(here: CurvePoint) -> Location | None:
-    """Solve for the point nearest to one of a doubled orbit's curve where it is the orbit run
-    twice: one of codimension two on the orbit's PD. None if there is none."""
-    problem = here.orbit.problem
-    halves = problem.word.repeated()
-    if not problem.word.walls or not halves or 2 * len(halves[-1]) != len(problem.word):
+    """Solve for the point nearest to one of a curve where its orbit is a shorter one, run several
+    times: one of codimension two on the curve of PD of that orbit. None if there is none."""
+    problem, kind, found = here.orbit.problem, here.problem.kind, []
+    if not problem.word.walls:
         return None
-    short = problem_of(problem.model, halves[-1], problem.kernels)
-    mean = short.evaluate(_mean_half(here.orbit, short))
-    found = [_repetition_at(here, mean, name) for name in here.problem.kind.shorter_at]
-    problem.kernel_evaluations += short.kernel_evaluations
     scale = here.problem.scale(here.unknowns, abs(here.unknowns[-1]))
+    for word in problem.word.repeated():
+        short = problem_of(problem.model, word, problem.kernels)
+        mean, away = _mean_part(here.orbit, short)
+        if length(away, scale[: problem.n]) <= NEAR:
+            at = short.evaluate(mean)
+            names = [
+                n for n in kind.shorter_at if n == AT_REST or 2 * len(word) == len(problem.word)
+            ]
+            found += [_repetition_at(here, at, name) for name in names]
+            problem.kernel_evaluations += short.kernel_evaluations
     return min(
         (location for location in found if location is not None),
         key=lambda location: length(location.unknowns - here.unknowns, scale),
@@ -237,8 +246,8 @@ def solve_repetition(here: CurvePoint) -> Location | None:
 
 
 def _repetition_at(here: CurvePoint, mean: Linearisation, name: str) -> Location | None:
-    """The point of the curve where its orbit is one run twice that is next to `mean` and is of
-    codimension two, of that name, on the curve of its PD."""
+    """The point of the curve where its orbit is one run several times that is next to `mean` and is
+    of codimension two, of that name, on the curve of its PD."""
     curve = here.problem
     try:
         system = double_of(mean, name, kind_of("PD"), {}).system
@@ -247,7 +256,8 @@ def _repetition_at(here: CurvePoint, mean: Linearisation, name: str) -> Location
     solution = solve(system, mean)
     if solution is None:
         return None
-    orbit = double_orbit(mean.problem.evaluate(solution.unknowns))
+    times = len(here.orbit.problem.word) // len(mean.problem.word)
+    orbit = repeat_orbit(mean.problem.evaluate(solution.unknowns), times)
     own = curve.system.start(orbit)
     own *= np.sign(own @ here.own) or 1.0
     at = curve.system.assemble(orbit, own)  # the time of a touch is a guess as yet
@@ -262,14 +272,16 @@ def _repetition_at(here: CurvePoint, mean: Linearisation, name: str) -> Location
     return Location(curve.packed(orbit.unknowns, own), solution.residual, solution.error)
 
 
-def _mean_half(here: Linearisation, short: OrbitProblem) -> Array:
-    """The mean of a doubled orbit's halves, as an orbit of the shorter word."""
-    problem = here.problem
-    rows = problem.impacts(here.unknowns)
-    count, span = len(rows) // 2, 0.5 * problem.span(here.unknowns)
-    later = rows[count:].copy()
-    later[:, 0] -= span
-    return short.with_impacts(0.5 * (rows[:count] + later), span, here.unknowns)
+def _mean_part(here: Linearisation, short: OrbitProblem) -> tuple[Array, Array]:
+    """The mean of the parts of an orbit that nearly repeats a shorter one, as one of its word, and
+    how far each impact is from it: no repeated orbit is nearer."""
+    rows, count = here.problem.impacts(here.unknowns), len(short.word)
+    times = len(rows) // count
+    span = here.problem.span(here.unknowns) / times
+    parts = rows.reshape(times, count, -1).copy()
+    parts[:, :, 0] -= span * np.arange(times)[:, None]
+    mean = parts.mean(axis=0)
+    return short.with_impacts(mean, span, here.unknowns), (parts - mean).ravel()
 
 
 class ShorterEnd(Policy):

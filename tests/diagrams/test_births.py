@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from contimpact.bifurcations.codimension_two import MultiplierCoincides, double_orbit
+from contimpact.bifurcations.codimension_two import MultiplierCoincides, repeat_orbit
 from contimpact.bifurcations.kind import kind_of
 from contimpact.diagrams.curves import follow_curve
 from contimpact.diagrams.map_explorer import entries_born, follow_codim2, model_at_point, orbit_at
@@ -126,8 +126,8 @@ def test_the_folds_at_a_grazing():
 def test_an_orbit_run_twice(turning):
     entry, _ = turning
     here = orbit_of(entry, MODEL).linearisation
-    assert double_orbit(here).largest_residual == pytest.approx(here.largest_residual, abs=1e-14)
-    assert double_orbit(here).multipliers[0] == pytest.approx(here.multipliers[0] ** 2, abs=1e-9)
+    assert repeat_orbit(here).largest_residual == pytest.approx(here.largest_residual, abs=1e-14)
+    assert repeat_orbit(here).multipliers[0] == pytest.approx(here.multipliers[0] ** 2, abs=1e-9)
 
 
 def test_kinds_that_are_not_wanted_are_left_out(grazing):

@@ -163,17 +163,44 @@ def touch_that_forgets_its_velocity(unknowns):
     return [x - 0.8, v, moved]
 
 
+@pytest.fixture(scope="module")
+def forgetful():
+    """Values of omega and a with such a touch."""
+    return fsolve(touch_that_forgets_its_velocity, [0.146, 0.895, 0.522], xtol=1e-13)[1:]
+
+
+def doubled():
+    """The PD of the orbit 1/2T of the Duffing oscillator."""
+    return next(e for e in ci.load_entries(ROOT / "branches" / "duffing") if e.id == "e15")
+
+
+def check_end(curve, row, values):
+    assert curve.ends[row].kind.name == "SHORTER"
+    assert [curve["omega"][row], curve["a"][row]] == pytest.approx(values, abs=1e-10)
+
+
 @pytest.mark.full
-def test_a_doubling_of_a_doubled_orbit_ends_where_both_of_its_impacts_are_at_rest():
+def test_a_doubling_of_a_doubled_orbit_ends_where_both_of_its_impacts_are_at_rest(forgetful):
     """It ended nowhere: the curve passed two points PD-V, wrong by 2e-5, and what was beyond."""
-    entry = next(e for e in ci.load_entries(ROOT / "branches" / "duffing") if e.id == "e15")
-    curve = ci.follow_curve(entry, second="a", first_range=(0.87, 0.93), second_range=(0.49, 0.57))
-    _, omega, a = fsolve(touch_that_forgets_its_velocity, [0.146, 0.895, 0.522], xtol=1e-13)
-    (row,) = (k for k, end in zip((0, -1), curve.ends, strict=True) if end.kind.name == "SHORTER")
-    assert curve["omega"][row] == pytest.approx(omega, abs=1e-10)
-    assert curve["a"][row] == pytest.approx(a, abs=1e-10)
+    limits = {"first_range": (0.87, 0.93), "second_range": (0.49, 0.57)}
+    curve = ci.follow_curve(doubled(), second="a", **limits)
+    row = [end.kind.name for end in curve.ends].index("SHORTER")
+    check_end(curve, -row, forgetful)
     assert curve.missed == []
     assert [point.kind for point in curve.points] == ["GPD"]
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("kind", ["PD", "V"])
+def test_so_end_curves_of_orbits_of_four_periods(kind, forgetful):
+    """The orbit of one period was not looked for: curves of V ended 6e-10 beside that point, one of
+    PD passed it."""
+    branch = ci.continue_born(doubled(), range=(0.9140, 0.915), events=["FB", "PD", "V"])
+    entry = next(event for event in branch.events if event.kind == kind)
+    curve = ci.follow_curve(entry, second="a", first_range=(0.85, 1.6), second_range=(0.49, 0.53))
+    row = next(k for k in (0, -1) if "became 1, run 4 times" in curve.ends[k].message)
+    check_end(curve, row, forgetful)
+    assert curve.missed == []
 
 
 @pytest.mark.full

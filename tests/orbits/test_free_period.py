@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 
 import contimpact as ci
 from contimpact.accuracy.reference import Reference
-from contimpact.bifurcations.codimension_two import double_orbit
+from contimpact.bifurcations.codimension_two import repeat_orbit
 from contimpact.continuation.branch import EndKind
 from contimpact.diagrams.orbit_walks import symmetric_end
 from contimpact.errors import InputError
@@ -538,7 +538,7 @@ def test_a_cycle_born_without_impacts_is_run_once():
 def test_the_end_of_a_branch_that_becomes_a_shorter_one_counts_the_laps():
     """Words of cycles have no periods of a forcing to count by."""
     (orbit,) = ci.find_orbits(oscillator(), "S", parameter="c")
-    twice = double_orbit(double_orbit(orbit.linearisation))
+    twice = repeat_orbit(repeat_orbit(orbit.linearisation))
     end = symmetric_end(twice.problem)
     assert end.images(twice.unknowns, 1e-9) == [EndKind.SHORTER]
     message = end.end(EndKind.SHORTER, SimpleNamespace(unknowns=twice.unknowns, parameter=-0.1))
