@@ -12,7 +12,9 @@ from scipy.optimize import fsolve
 import contimpact as ci
 from contimpact.accuracy.reference import Reference
 from contimpact.continuation.settings import Settings
+from contimpact.diagrams.map_explorer import entries_born
 from contimpact.segments.integration import Integrator
+from contimpact.segments.kernels import Kernels
 from contimpact.systems.oscillator import Oscillator
 from contimpact.systems.pendulum import Pendulum
 from contimpact.systems.two_masses import TwoMasses
@@ -212,3 +214,15 @@ def test_an_orbit_at_rest_on_a_curve_of_doublings_has_no_multipliers():
     assert curve.points[0].kind == "PD-V"
     assert np.isnan(curve["multiplier1_re"][row])
     assert set(curve["n_unstable"]) == {0}
+
+
+def test_the_fold_at_a_grazing_of_an_orbit_without_impacts():
+    """The time of the touch was read off impacts: an IndexError ended the map."""
+    entry = next(e for e in ci.load_entries(ROOT / "branches" / "duffing") if e.id == "e1")
+    limits, model = ((0.87, 0.92), (0.5, 0.54)), entry.orbit().problem.model
+    curve = ci.follow_curve(entry, second="a", first_range=limits[0], second_range=limits[1])
+    assert [point.kind for point in curve.points] == ["G-FB"]
+    kernels = Kernels(model, "omega", "a")
+    found = list(entries_born(entry, curve.points[0], model, ("FB",), kernels, limits))
+    assert [(e.kind, e.word) for e in found] == [("FB", "S")] * 2
+    assert sorted(e.physical for e in found) == [False, True]
