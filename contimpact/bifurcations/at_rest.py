@@ -49,7 +49,7 @@ def sizes_of(here: Linearisation) -> Array:
     problem = here.problem
     free = np.maximum(np.abs(here.unknowns[problem.n :]), STEP)
     sizes = problem.scale(here.unknowns, free)
-    sizes[: problem.n] /= np.sqrt(len(problem.word))
+    sizes[: problem.n] /= np.sqrt(max(len(problem.word), 1))
     return sizes
 
 

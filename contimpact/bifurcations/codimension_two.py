@@ -434,6 +434,9 @@ class FoldBorn(TouchSingular):
         )
         super().__init__("G-FB", changes, 1.0, longer)
         self.touch = touch
+        self.jumps: bool | None = None
+        """Whether the touch changes the acceleration: as orbits that are closed tell, beside which
+        others, by which the function is differenced, are taken for the same."""
 
     def of(self, here: CurvePoint) -> ArrayLike:
         flight, wall, since = self.touch(here)
@@ -443,7 +446,9 @@ class FoldBorn(TouchSingular):
         if _leaves_no_trace(orbit, there):
             return np.nan
         value = np.asarray(super().of(here))
-        if _changes_acceleration(orbit, int(np.argmax(there)), wall):
+        if self.jumps is None or _is_closed(orbit):
+            self.jumps = _changes_acceleration(orbit, int(np.argmax(there)), wall)
+        if self.jumps:
             return value
         factor = _acceleration(here.orbit, flight, wall, since)  # which is no fold's
         return np.sign(factor) * value
@@ -452,8 +457,18 @@ class FoldBorn(TouchSingular):
 TOGETHER = 1e-6
 """Part of the period within which impacts happen at once."""
 
+CLOSED = 1e-9
+"""Largest residual of an orbit that is one, beside natural sizes."""
+
 SMOOTH = 1e-6
 """Change of an acceleration, beside natural ones, that is rounding."""
+
+
+def _is_closed(orbit: Linearisation) -> bool:
+    """Whether the equations are solved."""
+    problem = orbit.problem
+    sizes = problem.residual_sizes(problem.natural_units(orbit.unknowns))
+    return bool(np.all(np.abs(orbit.residual) < CLOSED * sizes))
 
 
 def _impacts_at(orbit: Linearisation, time: float) -> Array:

@@ -60,7 +60,7 @@ from ..orbits.search import reduce_period, repeats
 from ..progress import Asked, progress_callback
 from ..results.branch import Entry, all_parameters, columns_of, model_of
 from ..results.curve import Codim2, Curve
-from ..results.diagram import entry_first, impacts_of, to_orbit
+from ..results.diagram import entry_first, impacts_of, orbit_record, to_orbit
 from ..results.options import CURVE_SETTINGS, check_range
 from ..segments.kernels import Kernels
 from .curve_problem import (
@@ -639,7 +639,8 @@ def _codim2(event: Event, identity: str, curve: str) -> Codim2:
     for name in orbit.problem.kernels.parameters:
         values[name] = float(clip_rounding(orbit.problem.model, name, values[name]))
     place = str(changes), values, impacts
-    return Codim2(identity, curve, event.kind, *place, event.residual, event.error)
+    found = Codim2(identity, curve, event.kind, *place, event.residual, event.error)
+    return replace(found, **orbit_record(orbit))
 
 
 def _columns(points: Sequence[Point], marks: Sequence[tuple[Point, str]]) -> dict[str, Array]:

@@ -27,7 +27,7 @@ from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
 from ..orbits.search import repeats, solve_near
 from ..progress import Progress, counting_callback, ignore_progress
-from ..results.branch import Branch, Entry, coordinates, details_of, model_of
+from ..results.branch import Branch, Entry, details_of, model_of, orbit_of
 from ..results.curve import (
     Area,
     Check,
@@ -163,13 +163,11 @@ def _problem(
 
 
 def orbit_at(entry: Entry, point: Codim2, model: Model, kernels: Kernels) -> Linearisation:
-    """Return the orbit of a point of codimension two, at the model's values; the curve that has the
-    point was started from the entry."""
-    problem = problem_of(model, Word(entry.word, entry.period), kernels)
-    names = ["time", "velocity", *coordinates(problem.m)[2:]]
-    rows = [[impact[name] for name in names] for impact in point.impacts]
-    free = [model.values[name] for name in kernels.parameters]
-    return problem.evaluate(np.append(np.ravel(rows), free))
+    """Return the orbit of a point of codimension two; the curve that has the point was started from
+    the entry."""
+    names = "parameters", "impacts", "orbit_period", "state"
+    there = dataclasses.replace(entry, **{name: getattr(point, name) for name in names})
+    return orbit_of(there, model, kernels).linearisation
 
 
 def model_at_point(entry: Entry, point: Codim2, model: Model | None) -> Model:

@@ -160,6 +160,9 @@ class Codim2:
     error: float
     """`residual`, `error`: of the curve's equations; a bound of the error of the second
     parameter."""
+    orbit_period: float | None = attribute(default=None, silent=True)
+    state: Sequence[float] | None = attribute(default=None, silent=True)
+    """`orbit_period`, `state`: as of entries: where the period is free, and without impacts."""
 
 
 @documented

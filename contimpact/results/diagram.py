@@ -361,11 +361,20 @@ def entry_of(event: Event, identity: str, branch: str, before: Point, after: Poi
         options=problem.model.options,
         nu=details.get("nu"),
         nu_error=details.get("nu_error"),
-        orbit_period=here.span if problem.autonomous else None,
-        state=None if word.walls else here.unknowns[: problem.m].tolist(),
+        **orbit_record(here),
         sliding=kind.sliding(event),
         scenario=None if ghost else kind.scenario(event),
     )
+
+
+def orbit_record(here: Linearisation) -> dict[str, Any]:
+    """Return what restores an orbit besides its impacts: its period where that is free, and without
+    impacts its state."""
+    problem = here.problem
+    return {
+        "orbit_period": here.span if problem.autonomous else None,
+        "state": None if problem.word.walls else here.unknowns[: problem.m].tolist(),
+    }
 
 
 def event_of(entry: Entry, model: Model | None = None, kernels: Kernels | None = None) -> Event:

@@ -12,7 +12,7 @@ from scipy.optimize import fsolve
 import contimpact as ci
 from contimpact.accuracy.reference import Reference
 from contimpact.continuation.settings import Settings
-from contimpact.diagrams.map_explorer import entries_born
+from contimpact.diagrams.map_explorer import entries_born, orbit_at
 from contimpact.segments.integration import Integrator
 from contimpact.segments.kernels import Kernels
 from contimpact.systems.oscillator import Oscillator
@@ -223,6 +223,21 @@ def test_the_fold_at_a_grazing_of_an_orbit_without_impacts():
     curve = ci.follow_curve(entry, second="a", first_range=limits[0], second_range=limits[1])
     assert [point.kind for point in curve.points] == ["G-FB"]
     kernels = Kernels(model, "omega", "a")
+    here = orbit_at(entry, curve.points[0], model, kernels)
+    assert here.largest_residual < 1e-12
     found = list(entries_born(entry, curve.points[0], model, ("FB",), kernels, limits))
     assert [(e.kind, e.word) for e in found] == [("FB", "S")] * 2
     assert sorted(e.physical for e in found) == [False, True]
+
+
+@pytest.mark.full
+def test_where_that_fold_is_born_in_a_third_parameter(forgetful):
+    """The orbit without impacts was lost, and a derivative by differences had the wrong sign: the
+    restitution changes nothing there."""
+    entry = next(e for e in ci.load_entries(ROOT / "branches" / "duffing") if e.id == "e1")
+    limits = (0.87, 0.92), (0.5, 0.54), (0.7, 0.9)
+    curve = ci.follow_curve(entry, second="a", first_range=limits[0], second_range=limits[1])
+    third = ci.follow_codim2(entry, curve.points[0], second="a", third="r", ranges=limits)
+    assert [third["r"][0], third["r"][-1]] == pytest.approx([0.7, 0.9])
+    assert third["omega"] == pytest.approx(forgetful[0], abs=1e-10)
+    assert third["a"] == pytest.approx(forgetful[1], abs=1e-10)
