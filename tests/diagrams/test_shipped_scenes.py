@@ -12,6 +12,7 @@ import functools
 import importlib.util
 import json
 import math
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -270,9 +271,10 @@ def test_events_are_rows_of_their_branch_between_points(name):
 
 @pytest.mark.parametrize("name", EVERY)
 def test_no_event_is_found_twice(name):
-    """Twice on one branch with the same orbit at the same value would be one zero counted twice."""
+    """Twice on one branch with the same orbit at the same value would be one zero counted twice,
+    but where two of its impacts come to rest at once."""
     for branch in diagram(name).branches:
-        seen = set()
+        seen = Counter()
         for entry in branch.events:
             speeds = sorted(round(impact["velocity"], 7) for impact in entry.impacts)
             place = entry.flight, entry.wall  # symmetric orbits touch both walls at once
@@ -280,8 +282,8 @@ def test_no_event_is_found_twice(name):
             where = [round(x, 6) for impact in entry.impacts for x in impact.get("positions", ())]
             orbit = (*speeds, *where)
             key = (entry.kind, entry.label, round(entry.value, 9), orbit, place)
-            assert key not in seen, key
-            seen.add(key)
+            seen[key] += 1
+            assert seen[key] <= max(1, speeds.count(0.0) if entry.kind == "V" else 1), key
 
 
 @pytest.mark.parametrize(("name", "values"), FIGURES)
