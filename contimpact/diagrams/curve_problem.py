@@ -217,6 +217,10 @@ class SimultaneousEvents(ExtendedSystem):
         first = self.one.scale(own[: self.size], sizes)
         return np.concatenate([first, self.other.scale(own[self.size :], sizes)])
 
+    def own_sizes(self, own: Array, sizes: Array) -> Array:
+        first = self.one.own_sizes(own[: self.size], sizes)
+        return np.concatenate([first, self.other.own_sizes(own[self.size :], sizes)])
+
     def details(self, own: Array) -> Details:
         return {**self.one.details(own[: self.size]), **self.other.details(own[self.size :])}
 
@@ -267,6 +271,9 @@ class VanishingTest(ExtendedSystem):
 
     def scale(self, own: Array, sizes: Array) -> Array:
         return self.one.scale(own, sizes)
+
+    def own_sizes(self, own: Array, sizes: Array) -> Array:
+        return self.one.own_sizes(own, sizes)
 
     def details(self, own: Array) -> Details:
         return self.one.details(own)

@@ -20,7 +20,8 @@ from contimpact.errors import InputError
 from contimpact.models.guards import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
-from contimpact.results.catalogue import load_diagram, write_diagram
+from contimpact.results.catalogue import load_diagram, load_entries, write_diagram
+from contimpact.results.options import CURVE_SETTINGS
 from contimpact.segments.kernels import Kernels
 from contimpact.storage import read_bounded
 from contimpact.systems.impact_pair import ImpactPair
@@ -233,3 +234,17 @@ def test_a_marked_point_is_physical_if_its_curve_is_on_one_side():
     changes = [row for row, pair in zip(places, sides, strict=True) if set(pair) == {0, 1}]
     assert changes
     assert all(curve["physical"][row] == 1 and not curve["reason"][row] for row in changes)
+
+
+@pytest.mark.full
+def test_a_gpd_of_free_period_is_followed():
+    """Its orbit was restored without its period, and parts of an eigenvector that are zero were
+    asked to be as small as they are. Runs at the end's value of la end in the same GPD."""
+    entry = next(e for e in load_entries(ROOT / "branches" / "coco_bang_bang") if e.id == "e5")
+    limits = (0.9, 1.1), (23.0, 26.2), (0.1999, 0.201)
+    (point,) = follow_curve(entry, None, "A", *limits[:2]).points
+    settings = replace(CURVE_SETTINGS, step=0.2, max_step=0.5)
+    about = {"second": "A", "third": "la", "ranges": limits, "settings": settings}
+    found = follow_codim2(entry, point, detect=False, **about)
+    assert [found["la"][0], found["la"][-1]] == pytest.approx(limits[2])
+    assert [found["om"][-1], found["A"][-1]] == pytest.approx([0.971783910967, 24.5920517051])
