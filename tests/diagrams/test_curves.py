@@ -13,10 +13,11 @@ from zoo import ROOT, between_soft_stops
 
 from contimpact.continuation.branch import EndKind
 from contimpact.diagrams import curves
-from contimpact.diagrams.curves import LeavingEnd, RepetitionTest, follow_curve
+from contimpact.diagrams.curves import LeavingEnd, follow_curve
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.map_lines import same_curve
 from contimpact.diagrams.orbit_branch import continue_born, continue_orbit
+from contimpact.diagrams.shorter_orbits import RepetitionTest
 from contimpact.errors import InputError
 from contimpact.models.guards import Word
 from contimpact.orbits.quiet import problem_of
