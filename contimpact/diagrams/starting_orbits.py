@@ -203,10 +203,11 @@ def _after(
 
 def _orbits_near(simulator: Simulator, run: Run) -> Iterator[Orbit]:
     """The orbits through the end of a run, of as few impacts as possible first."""
+    from ..simulation.attractor import own_sizes
+
     model, period, last = simulator.model, simulator.period, len(run) - 1
     rows = np.column_stack([run.turns * period + run.phases, run.velocities, *run.others.T])
-    sizes = np.append(period, np.max(np.abs(rows[:, 1:]), axis=0))
-    sizes[sizes == 0.0] = 1.0
+    sizes = own_sizes(rows[:, 1:], period)
     for impacts in range(1, min(LONGEST, last) + 1):
         away = (rows[last] - rows[last - impacts]) / sizes
         turns = 0 if model.autonomous else round(float(away[0]))

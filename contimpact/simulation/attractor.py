@@ -267,6 +267,9 @@ ROUNDED = 1e-11
 
 NEAR = 1e-4
 """A motion this close to an earlier impact may be periodic; in periods and largest velocities."""
+SLIGHT = 1e-3
+"""Section coordinates that are less than this part of their natural size are not told apart by
+their own: units may differ, and velocities at a turning point are rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -522,10 +525,17 @@ def _table(run: Run) -> Array:
     return impact_table(run.phases, run)
 
 
+def own_sizes(sections: Array, period: float) -> Array:
+    """Of times and section coordinates, shape (N, m): the period, and the largest there are. What
+    is less than `SLIGHT` of its natural size has that part of it: it may be rounding alone."""
+    found = SLIGHT * natural_sizes(sections, period)
+    found[1:] = np.maximum(np.max(np.abs(sections), axis=0), found[1:])
+    found[0] = period
+    return found
+
+
 def _sizes(run: Run) -> Array:
-    """Of phases and section coordinates: the period, and the largest there are."""
-    found = np.max(np.abs(_table(run)[:, 1:]), axis=0)
-    return np.concatenate([[run.period], np.where(found > 0.0, found, 1.0)])
+    return own_sizes(_table(run)[:, 1:], run.period)
 
 
 def states_apart(difference: Array, sizes: Array) -> Array:
@@ -544,7 +554,7 @@ def _distance(run: Run, cycle: Cycle) -> float:
 def repetitions_of(cycle: Cycle, period: float) -> int:
     """How many times a cycle runs through a shorter one."""
     n, table = len(cycle.walls), impact_table(cycle.times, cycle)
-    sizes = np.concatenate([[period], np.maximum(np.max(np.abs(table[:, 1:]), axis=0), 1e-300)])
+    sizes = own_sizes(table[:, 1:], period)
     for parts in range(cycle.period, 1, -1):
         if n % parts or cycle.period % parts:
             continue

@@ -35,7 +35,7 @@ from ..results.catalogue import FRACTIONS, Share, shorten_names
 from ..results.options import MOST_FRACTION_STARTS, MOST_ROUNDS, SETTLING, Settling, check_box
 from ..segments.kernels import Kernels
 from ..storage import csv_text
-from .attractor import OTHER, Attractor, Kind, distances_between
+from .attractor import OTHER, Attractor, Kind, distances_between, own_sizes
 from .run import Outcome, OutsideError, State
 from .settle import settle
 from .simulator import Simulator
@@ -539,9 +539,7 @@ class _Search:
         self.orbit, self.settling = orbit, settling
         self.simulator = Simulator(orbit.model)
         self.impacts = np.asarray(orbit.problem.impacts(orbit.unknowns), dtype=float)
-        self.sizes = np.max(np.abs(self.impacts), axis=0)
-        self.sizes[self.sizes == 0.0] = 1.0
-        self.sizes[0] = self.simulator.period
+        self.sizes = own_sizes(self.impacts[:, 1:], self.simulator.period)
         start = self.state(0, np.zeros(self.impacts.shape[1]))
         self.known: list[Attractor] = [settle(self.simulator, start, settling)]
         if (reached := self.known[0].notation) != orbit.notation:
