@@ -346,17 +346,31 @@ def rounding_scale(
     """Return what the results of `flow` are rounded beside: the largest of their tables.
 
     In the units of `scales_of`, end velocities are of the size of the state's, at least, and their
-    rates and accelerations by the fastest frequency larger.
+    rates and accelerations by the fastest frequency larger. What harmonics do that push nothing is
+    zero without rounding; they have no units.
     """
     shape = Shape(d, h, directions)
-    generator = generator_of(shape, numbers)
+    each = generators(shape, numbers)
+    generator = each[0]
     scales, fastest = scales_of(shape, generator), norm_in_units(shape, generator)
     units = scales / scales[:d, None], scales / scales[d : 2 * d, None]
     found = np.abs(tables).reshape(-1, d, shape.size)
     sizes = [float((table * units[i % 2]).max()) for i, table in enumerate(found)]
     sizes[1] = max(sizes[1], 1.0)
     sizes[2:4] = max(sizes[2], fastest * sizes[0]), max(sizes[3], fastest * sizes[1])
-    return np.array([size / units[i % 2] for i, size in enumerate(sizes)]).ravel()
+    pushed = np.array([_pushed(shape, generator) | _pushed(shape, part) for part in each])
+    by_table = np.concatenate([pushed[:1], pushed]).repeat(2, axis=0)
+    beside = [size / units[i % 2] for i, size in enumerate(sizes)]
+    return np.where(by_table[:, None], beside, 0.0).ravel()
+
+
+def _pushed(shape: Shape, generator: Array) -> Array:
+    """Which coordinates of X may change velocities: all but harmonics without a force."""
+    d, h, _ = shape
+    pushes: Array = np.max(np.abs(generator[d : 2 * d]), axis=0) > 0.0
+    waves = pushes[2 * d : -1].reshape(h, 2).any(axis=1).repeat(2)
+    found: Array = np.concatenate([np.ones(2 * d, bool), waves, pushes[-1:]])
+    return found
 
 
 def flow_of_arrays(d: int, h: int, directions: int, dt: Any, *numbers: Any) -> Array:

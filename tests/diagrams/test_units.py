@@ -18,10 +18,12 @@ from contimpact.bifurcations.zero_duration import ZeroDuration
 from contimpact.continuation.branch import Event, Point
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams.connection_paths import is_physical
+from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.diagrams.orbit_walks import walk_both_ways, walk_orbits
 from contimpact.models.guards import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.quiet import QuietProblem
+from contimpact.orbits.search import find_orbits
 from contimpact.results.scene import read_scene
 from contimpact.segments.bounded import bounds_of
 from contimpact.segments.checking import check_model
@@ -31,6 +33,7 @@ from contimpact.simulation.settle import Settling, settle
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.bouncing_ball import BouncingBall
 from contimpact.systems.duffing import Duffing
+from contimpact.systems.two_stops import TwoStops
 
 pytest.importorskip("heyoka", reason="needs contimpact[ode]")
 
@@ -352,3 +355,17 @@ def test_null_vectors_of_long_words_have_an_orientation(length):
     impacts = [(0.0146 + k * np.pi / 25.0, -0.821 * length) for k in range(40)]
     here = problem.evaluate(np.array([*np.ravel(impacts), 0.0055 * length]))
     assert list(map(np.linalg.norm, null_vectors(here, -1.0))) == pytest.approx([1.0, 1.0])
+
+
+def test_errors_of_events_do_not_depend_on_the_unit_of_length():
+    """A linear flight without a constant force was said to be rounded beside one of one unit: of
+    stops some nanometres away, in metres, errors were up to 2, and branches were left out."""
+    events = []
+    for length in (1.0, 2.0**-30):
+        model = TwoStops(a=length, omega=1.2, c=0.1, k=1.0, sigma=0.3 * length, r=0.7)
+        orbit = find_orbits(model, "1:1", parameter="omega")[-1]
+        found = continue_orbit(orbit, "omega", range=(0.9, 2.2)).events
+        events.append([(event.kind, event.value, event.error) for event in found])
+    for (kind, value, error), (same, there, off) in zip(*events, strict=True):
+        assert (same, there) == (kind, pytest.approx(value, abs=1e-13))
+        assert 0.3 * error < off < 3.0 * error
