@@ -516,6 +516,7 @@ class _Reading:
         where = self.model.place(self.what, self.name)
         said = short_repr(str(part.xreplace(self._names())))
         if self.model.STATED:
+            said = "a division by zero" if part is sympy.zoo else said
             found = f"{said} arises in what is stated" + (f" at {self.name}" if self.name else "")
             accepted = (
                 "use expressions that are real and smooth there, and a parameter for a position "

@@ -28,6 +28,8 @@ LARGEST_EXPONENT = 64
 """Largest exponent of a power, and of powers of powers together."""
 DEEPEST = 10
 """Functions of functions."""
+NOT_SMOOTH = frozenset({"abs", "sign", "sgn", "signum", "max", "min", "heaviside", "step", "mod"})
+"""Names of functions that users try, in small letters."""
 LARGEST_ARGUMENT = 700.0
 """Largest argument of functions that grow as exp does: e^700 is about the largest double."""
 MOST_WORK = 1e12
@@ -89,6 +91,8 @@ class Extent:
 
     def __truediv__(self, other: Extent | float) -> Extent:
         other = _as_extent(other)
+        if other.size == 0.0:
+            raise ZeroDivisionError("division by zero")
         most = 1 / other.smallest if other.smallest > 0 else math.inf
         return self * Extent(-most, most, other.terms, other.work, other.exponent, other.depth)
 
@@ -188,6 +192,7 @@ _BINARY: dict[type, Callable[[Any, Any], Any]] = {
 }
 _KEYWORDS = re.compile(rf"\b({'|'.join(keyword.kwlist)})\b")
 _DECIMAL_COMMA = re.compile(r"\d,\d")
+_CALLED = re.compile(r"\b([A-Za-z]\w*)\s*\(")
 _MARK = "\u02bc"
 """Follows Python's keywords while an expression is read: parameters may be called so."""
 _UNARY: dict[type, Callable[[Any], Any]] = {ast.UAdd: operator.pos, ast.USub: operator.neg}
@@ -370,6 +375,8 @@ class _Walker:
         )
         if _DECIMAL_COMMA.search(self.text):
             accepted += "; decimals have a point"
+        if any(name.lower() in NOT_SMOOTH for name in _CALLED.findall(self.text)):
+            accepted += "; what is not smooth is stated by a mode for each side, in a hybrid scene"
         return InputError(self.where, found, f"accepted are {accepted}")
 
     def unknown(self, name: str) -> InputError:

@@ -341,3 +341,14 @@ def test_values_of_an_expression_on_arrays():
     times = np.linspace(0.0, 2.0, 7)
     found = values_of("asin(cos(pi*t)/2)**2 - 2**sin(t)", "here", {"t": times})
     assert found == pytest.approx(np.arcsin(np.cos(np.pi * times) / 2) ** 2 - 2 ** np.sin(times))
+
+
+@pytest.mark.parametrize("text", ["Abs(x)", "2*sign(x)", "Max(x, 0)", "heaviside (x)"])
+def test_functions_that_are_not_smooth_are_refused_with_what_to_state_instead(text):
+    with pytest.raises(InputError, match="a mode for each side"):
+        check_expression(text, "here", ("x",))
+
+
+def test_a_division_by_zero_is_refused_where_it_is_written():
+    with pytest.raises(InputError, match=r"here: 'x/\(1-1\)' has no finite real value"):
+        check_expression("x/(1-1)", "here", ("x",))
