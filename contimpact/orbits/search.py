@@ -624,10 +624,15 @@ def _power_of_two(x: float) -> float:
 
 
 def _add_quiet(found: list[Orbit], here: Linearisation | None, units: Array) -> None:
-    """Add an orbit without impacts to the list unless it is there, or one of a shorter period."""
-    if here is not None and _is_regular(here) and not _repeats_quietly(here):
-        size = float(np.max(np.abs(here.unknowns[: len(units)] / units)))
-        _add(found, here, SAME_ORBIT * max(1.0, size), units)
+    """Add an orbit without impacts to the list unless it is there, perhaps from a later period of
+    the forcing on, or one of a shorter period."""
+    if here is None or not _is_regular(here) or _repeats_quietly(here):
+        return
+    assert isinstance(here.problem, QuietProblem)
+    size = float(np.max(np.abs(here.unknowns[: len(units)] / units)))
+    same = SAME_ORBIT * max(1.0, size)
+    if all(_is_new(found, later, same, units) for later in here.problem.later(here.unknowns)):
+        _add(found, here, same, units)
 
 
 def _search_turning(problem: FreeQuietProblem, generator: np.random.Generator) -> list[Orbit]:
@@ -723,11 +728,17 @@ def _round_unknowns(problem: OrbitProblem, unknowns: Array) -> Array:
 
 def _add(found: list[Orbit], here: Linearisation, same: float, units: Array | None = None) -> None:
     """Add an orbit to the list unless it is there."""
-    problem, n = here.problem, here.problem.n
-    units = problem.natural_units(here.unknowns)[:n] if units is None else units
-    apart = (problem.difference(here.unknowns, orbit.unknowns)[:n] / units for orbit in found)
-    if all(np.max(np.abs(difference)) >= same for difference in apart):
-        found.append(Orbit(here.problem, _rotate_to_fastest(here)))
+    problem = here.problem
+    units = problem.natural_units(here.unknowns)[: problem.n] if units is None else units
+    if _is_new(found, here.unknowns, same, units):
+        found.append(Orbit(problem, _rotate_to_fastest(here)))
+
+
+def _is_new(found: list[Orbit], unknowns: Array, same: float, units: Array) -> bool:
+    """Whether unknowns are those of no orbit in the list."""
+    n = len(units)
+    apart = (orbit.problem.difference(unknowns, orbit.unknowns)[:n] / units for orbit in found)
+    return all(np.max(np.abs(difference)) >= same for difference in apart)
 
 
 def _rotate_to_fastest(here: Linearisation) -> Linearisation:

@@ -239,3 +239,22 @@ def test_an_older_entry_has_the_orbit_of_its_multipliers_or_says_that_there_is_n
     other = dataclasses.replace(older, multipliers=[(0.5, 0.0), (0.1, 0.0)])
     with pytest.raises(InputError, match="that has its multipliers"):
         other.orbit()
+
+
+def test_an_orbit_of_two_periods_is_found_once():
+    """It was there twice: from the first period on, and from the second."""
+    pytest.importorskip("heyoka")
+    model = Duffing(a=12.0, omega=1.2, c=0.3, alpha=-1.0, beta=1.0, sigma=50.0, r=0.7)
+    found = find_orbits(model, "0/2T", parameter="omega")
+    starts = [orbit.unknowns[:2] for orbit in found]
+
+    def after(state, periods):
+        def motion(t, y):
+            return [y[1], 12.0 * math.cos(1.2 * t) - 0.3 * y[1] + y[0] - y[0] ** 3]
+
+        span = (0.0, periods * 2.0 * math.pi / 1.2)
+        return solve_ivp(motion, span, state, rtol=1e-11, atol=1e-12).y[:, -1]
+
+    assert len(found) == 2  # mirror images of each other
+    assert after(starts[0], 2.0) == pytest.approx(starts[0], abs=1e-6)
+    assert min(np.max(np.abs(after(starts[0], k + 0.5) + starts[1])) for k in (0, 1)) < 1e-6
