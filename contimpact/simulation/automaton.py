@@ -42,6 +42,7 @@ from .flights import (
     Window,
     jump_derivative,
     linear_windows,
+    of_guards,
     until_repeated,
     windows,
 )
@@ -117,7 +118,7 @@ class Automaton:
         self.passages = kernels.passages
         self.first_mode = model.first_mode
         self.rows = tuple(np.array(guard.row(self.size), dtype=float) for guard in self.guards)
-        self.restitution = tuple(self._restitution(k) for k in range(len(self.guards)))
+        self.restitution = of_guards(model, self._restitution)
         self._motions: dict[tuple[str, int], LinearMotion] = {}
         self._through = PassageRule(kernels, self.values, self.positions)
 

@@ -6,12 +6,14 @@ import math
 import types
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 
 from ..arrays import Array
+from ..errors import InputError
 from ..models.guards import Guard, pivot
+from ..models.model import Model
 from ..segments.derivatives import FLOAT_SERIES, Series
 from ..segments.flight import (
     breaks_of,
@@ -265,6 +267,27 @@ NODES = 67
 """Nodes at which a displacement is examined that is not resolved: not those of the acceleration."""
 SPREAD = 4.0
 """Variation of a displacement between the nodes, in terms of its higher coefficients."""
+
+T = TypeVar("T")
+
+
+def of_guards(model: Model, of: Callable[[int], T]) -> tuple[T, ...]:
+    """Return what is asked of slow motion at each guard.
+
+    Raises `InputError`, naming the guard, where it has no value.
+    """
+    values: list[T] = []
+    for k, guard in enumerate(model.WALLS):
+        try:
+            values.append(of(k))
+        except InputError:
+            raise
+        except (ArithmeticError, ValueError) as error:
+            accepted = "give laws and a reset that have values at all velocities"
+            where = model.place("slow motion at", guard.name)
+            found = f"motion at low velocities has no value there ({error})"
+            raise InputError(where, found, accepted) from None
+    return tuple(values)
 
 
 def motion_at(motions: Sequence[Kernel], values: Sequence[float]) -> Callable[..., Any]:

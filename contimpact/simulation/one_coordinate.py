@@ -22,7 +22,7 @@ from ..segments.flight import chebyshev_zeros, first_arrival, rounding_along, ti
 from ..segments.kernel import Family
 from ..segments.kernels import Kernels
 from ..segments.segment import ARRAYS, Kernel, evaluate_in, neighbouring_guards
-from .flights import FlightInState, first_hit, fly_in_time, motion_at, start_integrated
+from .flights import FlightInState, first_hit, fly_in_time, motion_at, of_guards, start_integrated
 from .run import (
     Body,
     Call,
@@ -184,12 +184,13 @@ class OneCoordinate:
         self.motions = tuple(kernels.motion(wall.name) for wall in guards)
         self._motion = motion_at(self.motions, self.values)
         self.zeros = time_zeros(kernels.harmonics(*self.values), period)
-        self._holds = tuple(self._hold(k) for k in range(len(guards)))
+        self._holds = of_guards(model, self._hold)
         fastest = [hold.largest * period for hold in self._holds]
-        self.restitution = tuple(
-            coefficient(self._motion, k, fastest[k]) if guard.rigid else 1.0
-            for k, guard in enumerate(guards)
-        )
+
+        def restitution(k: int) -> float:
+            return coefficient(self._motion, k, fastest[k]) if guards[k].rigid else 1.0
+
+        self.restitution = of_guards(model, restitution)
         self.body = self._as_body()
 
     def _around(self, position: float, wall: int = 0) -> tuple[float, float]:

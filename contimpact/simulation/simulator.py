@@ -84,13 +84,7 @@ class Simulator(ParameterItems):
         if has_several_coordinates(model, self.kernels):
             from .automaton import Automaton as kind
         given = (model, self.kernels, self.period, self.positions, longest_flight)
-        try:
-            self.machine: Automaton | OneCoordinate = kind(*given)
-        except InputError:
-            raise
-        except (ArithmeticError, ValueError) as error:
-            found, asked = f"{error} at low velocity", "give laws and resets of finite motions"
-            raise InputError("model", found, asked) from None
+        self.machine: Automaton | OneCoordinate = kind(*given)
         self.restitution = self.machine.restitution
         self.met = PassageRule(self.kernels, self.values, self.positions)
 

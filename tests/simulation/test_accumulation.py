@@ -6,6 +6,7 @@ Where a jump leads away from its guard none accumulate, however slow they are.
 from __future__ import annotations
 
 import itertools
+import tomllib
 
 import mpmath
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from zoo import ROOT
 
+from contimpact.errors import InputError
 from contimpact.results.scene import load_scene, read_scene
 from contimpact.simulation.run import Outcome
 from contimpact.simulation.simulator import Simulator
@@ -185,3 +187,27 @@ def test_a_run_ends_where_impacts_accumulate_on_guards_of_two_modes():
     assert run.outcome is Outcome.ACCUMULATING
     assert len(run) < 1000
     assert np.ptp(run.times[-100:]) < 1e-5
+
+
+@pytest.mark.parametrize("other", ["", 'u = "v - u"'], ids=["one coordinate", "several"])
+def test_a_reset_without_a_value_at_low_velocities_is_named(other):
+    """The message was "model: math domain error at low velocity"."""
+    scene = tomllib.loads(f"""
+name = "fast"
+model.system = "hybrid"
+model.period = "2*pi"
+model.parameters = {{ r = 0.5 }}
+follow = {{ parameter = "r", range = [0.1, 0.9], orbits = ["S"] }}
+[model.modes.m]
+x = "v"
+v = "cos(t) - x - v"
+{other}
+[model.guards.S]
+within = "x <= 0"
+set = {{ v = "-r*v*sqrt(v - 1/100)" }}
+""")
+    model = read_scene(scene).model
+    with pytest.raises(
+        InputError, match=r"model\.guards\.S: motion at low velocities has no value"
+    ):
+        Simulator(model)
