@@ -103,6 +103,10 @@ class EndKind(enum.Enum):
         "rounding errors have grown to {error:.1g} at {parameter} = {value:.9g}: the flights "
         "amplify them so much that orbits beyond are not told apart"
     )
+    UNBOUNDED = (
+        "grew without bound as {parameter} approached {value:.9g}: the solution is {times:.1g} "
+        "times as large as it was at the start, and {parameter} changes no more"
+    )
     KNOWN = "met branch {known} at {parameter} = {value:.12g}"
     UNPHYSICAL = (
         "the orbits are unphysical at {parameter} = {value:.12g} ({why}), and with unphysical = "

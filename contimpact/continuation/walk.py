@@ -285,6 +285,10 @@ WIDEST_SPAN = 1e3
 OUTGROWN = 8.0
 """Lengths are measured anew where a natural size has grown by this factor."""
 
+UNBOUNDED, STILL = 1e6, 1e-9
+"""How many times its size at the start a solution has that grows without bound, and the part of the
+parameter's size by which this changes while the solution outgrows itself once more."""
+
 SHORT_OF = (0.99, 0.9, 0.5)
 """Parts of the way to an end up to which it is seen whether an event is missed before it; nearer to
 an end where branches cross, no point may be reached."""
@@ -438,11 +442,15 @@ class _Walker:
     passes: MeetingRecord = field(default_factory=MeetingRecord)
     left_with: list[Array] = field(default_factory=list)
     leapt: int = 0
+    first: Array = field(default_factory=lambda: np.ones(1))
+    outgrown: list[float] = field(default_factory=list)
+    """`first`, `outgrown`: the sizes at the start, and where along the parameter they have been
+    outgrown."""
     compared: float = np.nan
     """Arclength of the point whose sizes have last been compared with `scale`."""
 
     def run(self, start: Array, direction: int, tangent: Array | None) -> Walk:
-        self.scale = self.sizes(start)
+        self.first = self.scale = self.sizes(start)
         reason = self.begin(start, direction, tangent)
         if reason:
             kind = EndKind.SINGULAR if self.points else EndKind.START
@@ -451,6 +459,9 @@ class _Walker:
         longest = math.ceil(OUTGROWN / self.settings.max_step)  # until sizes may have grown
         while (left := self.settings.max_points - len(self.points)) > 0:
             if len(self.points) > 1 and self.grow():
+                if self.unbounded:
+                    times = float(np.max(self.scale[:-1] / self.first[:-1]))
+                    return self.finished(self.end(EndKind.UNBOUNDED, times=times))
                 most = self.fewest
             leaves = self.branching and len(self.points) == 1
             careful = leaves or self.near(self.points[-1]) is not None
@@ -536,7 +547,16 @@ class _Walker:
         tangent = here.tangent / length(here.tangent, self.scale)
         self.points.end_with(replace(here, tangent=tangent))
         self.seen = self.seen.alone()
+        self.outgrown.append(here.parameter)
         return True
+
+    @property
+    def unbounded(self) -> bool:
+        """Whether the solution grows alone, the parameter changing less and less."""
+        if not np.any(self.scale[:-1] > UNBOUNDED * self.first[:-1]):
+            return False
+        before, last = np.abs(np.diff(self.outgrown[-3:])).tolist()
+        return bool(last < 0.5 * before and last < STILL * self.scale[-1])
 
     def near(self, here: Point) -> Meeting | None:
         """Where branches meet near a point, if the walk had to be careful there."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -737,3 +737,32 @@ def test_batches_end_before_sizes_may_have_grown_much():
     problem, settings = line(), Settings(max_step=0.5)
     follow(problem, np.zeros(2), limits=(-1.0, 9.0), settings=settings, backend=Recorded(problem))
     assert max(asked) == OUTGROWN / settings.max_step
+
+
+@dataclass
+class Outgrowing(Algebraic):
+    """Its unknowns have the sizes that they are of."""
+
+    def scale(self, unknowns, span):
+        return np.append(np.maximum(np.abs(unknowns[:-1]), 1e-30), span)
+
+
+@pytest.mark.parametrize("pole", [0.0, 0.5])
+def test_a_branch_ends_where_it_grows_without_bound(pole):
+    """It went on until the parameter was rounding, with folds that there are not."""
+    problem = Outgrowing(lambda x, p: x * (p - pole) - 1.0, lambda x, p: [p - pole, x])
+    found = walk(problem, np.array([1.0, 1.0 + pole]), -1, parameter="p", limits=(-2.0, 2.0))
+    assert found.end.kind is EndKind.UNBOUNDED
+    assert found.end.message.startswith("grew without bound as p approached")
+    assert found.end.value == pytest.approx(pole, abs=1e-8)
+    assert len(found.points) < 1000
+    assert found.points[-1].unknowns[0] > 1e6
+
+
+@pytest.mark.parametrize("start", [0.0, 1e-30])
+def test_a_branch_that_begins_next_to_nothing_goes_on(start):
+    problem = Outgrowing(lambda x, p: x - p, lambda x, p: [1.0, -1.0])
+    settings = Settings(max_points=10_000)
+    begin = np.array([start, start])
+    found = walk(problem, begin, 1, parameter="p", limits=(-2.0, 2.0), settings=settings)
+    assert found.end.kind is EndKind.RANGE
