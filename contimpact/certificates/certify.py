@@ -18,7 +18,7 @@ from ..models.model import Model
 from ..orbits.problem import Linearisation
 from ..progress import Progress, ignore_progress
 from ..results.branch import Branch, Entry, model_at, model_of, orbit_of
-from ..results.catalogue import Results, open_results
+from ..results.catalogue import Results, open_results, table_remark
 from ..results.diagram import Diagram
 from ..results.options import CertifyOptions
 from ..results.scene import Scene, load_scene
@@ -54,6 +54,8 @@ class Certificates:
     """Versions of the libraries on which the proof rests."""
     unconfirmed: Sequence[str] = ()
     """Branches whose stored certificates say more than is proven from them; of a verification."""
+    table: str = ""
+    """Where the table of events beside the catalogue says something else; of a verification."""
 
     @property
     def rejected(self) -> list[EventCertificate]:
@@ -72,7 +74,7 @@ class Certificates:
         A branch that is proven in part only does not; `complete` of its certificate tells. What is
         stored has to be confirmed where it is verified.
         """
-        return not (self.rejected or self.refuted or self.unconfirmed)
+        return not (self.rejected or self.refuted or self.unconfirmed or self.table)
 
     def lines(self) -> list[str]:
         """Return what is proven, and what is not, in words."""
@@ -85,6 +87,7 @@ class Certificates:
             *(f"  {c.id} rejected: {c.clause}: {c.found}" for c in self.rejected),
             *(line for c in self.branches for line in c.lines()),
             *(f"{name}: its stored certificate says more than that" for name in self.unconfirmed),
+            *([self.table] if self.table else []),
         ]
 
     def __repr__(self) -> str:
@@ -465,8 +468,8 @@ def verify_results(
     more = [entry.id for entry in entries if _claims_more(entry, records.get(entry.id), known)]
     more += [name for name, record in kept.items() if _says_more(record, there.get(name))]
     seconds = time.perf_counter() - began
-    said = results.digest
-    return Certificates(stored.scene, said, found, tubes, seconds, versions(), more)
+    said, table = results.digest, table_remark(results.folder, entries)
+    return Certificates(stored.scene, said, found, tubes, seconds, versions(), more, table)
 
 
 def _claims_more(

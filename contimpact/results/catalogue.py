@@ -373,6 +373,26 @@ def events_text(diagram: Diagram) -> str:
     return csv_of_records([entry.as_row() for entry in diagram.entries], table_columns(Entry))
 
 
+def table_remark(folder: Path, entries: Sequence[Entry]) -> str:
+    """Return where ``events.csv`` says something else than the catalogue beside it; nothing if it
+    does not, or is not there. Columns of other versions are left out."""
+    path = folder / "events.csv"
+    if not is_there(path):
+        return ""
+    with check_reading(path, "a table of events"):
+        theirs = list(csv.DictReader(io.StringIO(read_bounded(path).decode(), newline="")))
+    text = csv_of_records([entry.as_row() for entry in entries], table_columns(Entry))
+    ours = list(csv.DictReader(io.StringIO(text, newline="")))
+    if len(theirs) != len(ours):
+        return f"events.csv has {len(theirs)} rows, the catalogue {len(ours)} entries"
+    for row, own in zip(theirs, ours, strict=True):
+        for name in (name for name in own if name in row):
+            if row[name] != own[name]:
+                said = f"{row[name]!r} in events.csv, {own[name]!r} in the catalogue"
+                return f"{own['id']}: {name} is {said}"
+    return ""
+
+
 # Branches.
 
 

@@ -267,6 +267,23 @@ def test_a_certificate_that_claims_more_than_it_proves_is_found(folder, name, ke
     assert "e2: its stored certificate says more than that" in found.lines()
 
 
+def test_a_table_of_events_changed_afterwards_is_found(folder):
+    results = open_results(folder)
+    write_certificates(results, certify_results(results, CertifyOptions(branches=False)))
+    verified = verify_results(open_results(folder))
+    assert (verified.table, verified.certified) == ("", True)
+    text, table = (folder / "events.csv").read_text(), folder / "events.csv"
+    table.write_text(text.replace("e2,PD,0", "e2,PD,1"))
+    found = verify_results(open_results(folder))
+    assert (found.rejected, found.certified) == ([], False)
+    assert found.lines()[-1] == "e2: ghost is '1' in events.csv, '0' in the catalogue"
+    table.write_text("\n".join(text.splitlines()[:-1]))
+    found = verify_results(open_results(folder))
+    assert found.table == "events.csv has 2 rows, the catalogue 3 entries"
+    table.unlink()
+    assert verify_results(open_results(folder)).certified
+
+
 @pytest.mark.parametrize("factor", [100.0, 1e-8])
 @pytest.mark.full
 def test_a_forged_tube_is_found(folder, proven, factor, capsys):
