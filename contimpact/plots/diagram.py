@@ -172,10 +172,13 @@ def plot_diagram(
     colours = {name: colour for name, colour in known.items() if name in names}
     whole = branches_drawn_whole(diagram, unphysical)
     pieces = pieces_of(diagram, series, column, xlim, whole)
+    broken: dict[tuple[str, str], list[Any]] = {}
     for wall, style, places, speeds, _ in pieces:
-        ax.plot(
+        (line,) = ax.plot(
             places, speeds, linestyle=STYLES[style], color=colours[wall], linewidth=WIDTHS[style]
         )
+        if style != "stable":
+            broken.setdefault((wall, style), []).append(line)
     shaded = margin is not None and shade_margins(ax, diagram, series, column, margin)
     draw_guides(ax, y)
     if xlim:
@@ -183,6 +186,8 @@ def plot_diagram(
     else:
         ax.autoscale(axis="x")
     ax.set_ylim(*(ylim or limits_of(pieces, ax.get_xlim(), y)))
+    for lines in broken.values():
+        _part_lines(ax, lines)
     low, high = ax.get_xlim()
     entries = [e for e in diagram.entries if e.physical or e.branch in whole]
     drawn = [e for e in entries if low <= e.parameters.get(column, np.nan) <= high]
@@ -205,6 +210,43 @@ def plot_diagram(
     if own:
         fit(ax)
     return ax
+
+
+ALONG = 12.0
+"""Pixels on which a line follows another one before it is left out there."""
+
+
+def _part_lines(ax: Any, lines: Sequence[Any]) -> None:
+    """Leave out of dotted or dashed lines of one look what lies on an earlier one of them, whose
+    gaps it would fill."""
+    taken = np.zeros(np.ceil(ax.bbox.size).astype(int) + 3, dtype=bool)  # pixels, and those around
+    for line in lines:
+        x, y = (np.asarray(values, dtype=float) for values in line.get_data())
+        if len(x) < 2:
+            continue
+        pixels = ax.transData.transform(np.column_stack([x, y])) - ax.bbox.min + 1.0
+        shown = np.all((pixels >= 1.0) & (pixels <= ax.bbox.size + 1.0), axis=1)
+        segments = np.nonzero(shown[:-1] & shown[1:])[0]
+        steps = np.diff(pixels, axis=0)[segments]
+        lengths = np.hypot(*steps.T)
+        counts = 2 + (2.0 * lengths).astype(int)
+        each = np.repeat(np.arange(len(segments)), counts)
+        parts = (np.arange(len(each)) - np.repeat(np.cumsum(counts) - counts, counts)) / (
+            counts[each] - 1.0
+        )
+        at = np.rint(pixels[segments[each]] + parts[:, None] * steps[each]).astype(int)
+        hidden = np.zeros(len(x) - 1, dtype=bool)
+        free = np.bincount(each, ~taken[at[:, 0], at[:, 1]], len(segments))
+        hidden[segments] = free == 0.0
+        long = np.zeros(len(x) - 1)
+        long[segments] = lengths
+        edges = [0, *(np.nonzero(np.diff(hidden))[0] + 1).tolist(), len(hidden)]
+        for first, last in itertools.pairwise(edges):
+            hidden[first:last] &= np.sum(long[first:last]) >= ALONG
+        after = np.nonzero(hidden)[0] + 1
+        line.set_data(np.insert(x, after, np.nan), np.insert(y, after, np.nan))
+        for i, j in itertools.product((-1, 0, 1), repeat=2):
+            taken[at[:, 0] + i, at[:, 1] + j] = True
 
 
 FARTHEST = 1e100

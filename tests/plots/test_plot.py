@@ -13,6 +13,7 @@ import tomllib
 import matplotlib
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -23,7 +24,7 @@ from contimpact import InputError, follow, plot_diagram, read_scene
 from contimpact.bifurcations.declarations import KINDS
 from contimpact.bifurcations.kind import kind_of
 from contimpact.plots import lines
-from contimpact.plots.diagram import COLOURS, STYLES, save_diagram
+from contimpact.plots.diagram import COLOURS, STYLES, _part_lines, save_diagram
 from contimpact.plots.lines import label_text
 from contimpact.results.diagram import Diagram
 from contimpact.results.quantities import NO_WALL
@@ -643,3 +644,20 @@ def test_pdf_is_the_same_every_time(fig7, tmp_path):
     one, two = ((tmp_path / name / "diagram.pdf").read_bytes() for name in ("one", "two"))
     assert one == two
     assert b"CreationDate" not in one
+
+
+def test_dotted_lines_that_lie_on_each_other_are_drawn_once():
+    """Each filled the gaps of the other: they looked solid."""
+    axes = Axes(Figure(dpi=100), (0.1, 0.1, 0.8, 0.8))
+    axes.set_xlim(0.0, 1.0)
+    axes.set_ylim(0.0, 1.0)
+    x = np.linspace(0.0, 1.0, 41)
+    curves = [(x, x**2), (x[13:], x[13:] ** 2), (x, 0.3 + 0.2 * x), (x[:1], x[:1])]
+    lines = [Line2D(*curve) for curve in curves]
+    for line in lines:
+        axes.add_line(line)
+    _part_lines(axes, lines)
+    kept = [np.isfinite(line.get_xdata()).sum() for line in lines]
+    gaps = [np.isnan(line.get_xdata()).sum() for line in lines]
+    assert kept == [41, 28, 41, 1]  # points stay, what is between them does not
+    assert gaps == [0, 27, 0, 0]
