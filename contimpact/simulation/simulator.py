@@ -27,10 +27,11 @@ from ..display import ParameterItems
 from ..errors import InputError, explain_arguments, require_whole
 from ..models.model import Model
 from ..segments.compiling import cores
+from ..segments.kernel import Family
 from ..segments.kernels import Kernels
-from .flights import LinearMotion
+from .flights import LinearMotion, integrated_flow
 from .one_coordinate import OneCoordinate
-from .run import DONE, LEFT, OUTCOMES, Call, Outcome, PassageRule, Run, State, states_of
+from .run import DONE, LEFT, OUTCOMES, Call, Outcome, PassageRule, Run, State, states_of, wall_into
 
 if TYPE_CHECKING:
     from .automaton import Automaton
@@ -561,7 +562,8 @@ def free_motion(
     if law is not None:
         return _fixed_point(law, simulator.period)
     flow = _flow_of_section(simulator, mode)
-    if flow is not None and not simulator.kernels.integrated(simulator.letters[0]):
+    affine = not simulator.kernels.integrated(simulator.letters[0])
+    if flow is not None and mode == simulator.model.first_mode and affine:
         return _fixed_point_of(flow, simulator.period)
     if isinstance(left, State):
         after = _flow_of_impact(simulator, left) if simulator.kernels.planar else None
@@ -576,7 +578,7 @@ def state_after(
 ) -> tuple[list[float], list[float]] | None:
     """Return position and velocity some time after t = 0, guards passed through.
 
-    None if the mode is neither linear nor the first one of one coordinate.
+    None if the mode is neither linear nor, of one coordinate, the first one or integrated.
     """
     place, speed = list(motion[::2]), list(motion[1::2])
     law, d = simulator.machine.law_in(mode), len(place)
@@ -609,10 +611,16 @@ Flow: TypeAlias = Callable[[Sequence[float], float], list[float]]
 
 
 def _flow_of_section(simulator: Simulator, mode: str) -> Flow | None:
-    """The flow from t = 0 of the first mode, by kernels; None of others, or several coordinates."""
+    """The flow from t = 0 of the first mode, by kernels, or of one that is integrated; None of
+    others, or several coordinates."""
     kernels, guard = simulator.kernels, simulator.model.WALLS[0]
-    if not kernels.planar or mode != simulator.model.first_mode:
+    if not kernels.planar:
         return None
+    if mode != simulator.model.first_mode:
+        motion = kernels.motion(simulator.letters[wall_into(simulator.model, mode)])
+        if motion.family is not Family.INTEGRATED:
+            return None
+        return functools.partial(integrated_flow, motion, simulator.values)
     kernel, (by,) = kernels.since(guard.name), guard.row(1)
 
     def flow(state: Sequence[float], time: float) -> list[float]:

@@ -9,6 +9,7 @@ from copy import deepcopy
 import numpy as np
 import pytest
 import sympy
+from scipy.integrate import solve_ivp
 
 from contimpact import Formulas, InputError, Model, Parameter, Simulator, read_scene, settle, sweep
 from contimpact.diagrams.scene_simulation import simulate
@@ -306,3 +307,31 @@ def test_a_motion_may_leave_both_soft_stops_after_many_contacts():
     simulator = Simulator(given)
     start = simulator.state("C", time=1.421646454417961, velocity=-5.319812585633188)
     assert settle(simulator, start).kind is Kind.NO_IMPACT
+
+
+def test_a_sweep_of_integrated_flights_stays_on_motion_in_another_mode():
+    """It was known where it settled first, not from where it went on: the value after the next one
+    began at random."""
+    pytest.importorskip("heyoka")
+    modes = {
+        "free": {"x": "v", "v": "a*cos(t) - v/5 - x - x**3/10 + 2"},
+        "pressed": {"x": "v", "v": "a*cos(t) - 2*v/5 - 4*x - x**3/10 + 2"},
+    }
+    guards = {
+        "I": {"mode": "free", "within": "x <= 0", "to": "pressed"},
+        "O": {"mode": "pressed", "within": "x >= 0", "to": "free"},
+    }
+    model = {"system": "hybrid", "period": "2*pi", "parameters": {"a": 0.05}}
+    model |= {"modes": modes, "guards": guards}
+    asked = {"parameter": "a", "range": [0.01, 0.3], "orbits": ["IO"]}
+    body = read_scene({"name": "pressed", "model": model, "follow": asked}).model
+    here = settle(Simulator(body), Simulator(body).random_state(3))
+    for a in (0.06, 0.07, 0.1):
+        here = settle_again(Simulator(body.replace(a=a)), here)
+        assert here.label == "no impact (pressed)"
+
+    def motion(t, y):
+        return [y[1], 0.1 * math.cos(t) - 0.4 * y[1] - 4.0 * y[0] - 0.1 * y[0] ** 3 + 2.0]
+
+    there = solve_ivp(motion, (0.0, 60.0 * math.pi), [0.5, 0.0], rtol=1e-11, atol=1e-13).y[:, -1]
+    assert here.motion == pytest.approx(there, abs=1e-9)
