@@ -43,6 +43,7 @@ from ..simulation.simulator import Simulator
 from ..simulation.sweep import is_orbit
 from ..storage import csv_text
 from .margins import EventMargin, Margins, Search, updated_hessian
+from .quadratic_program import least_quadratic
 
 ITERATIONS, SEARCHES = 60, 8
 """Steps between two searches for events, and searches, at most."""
@@ -519,13 +520,19 @@ class _Designer:
     def climb(self, at: _Iterate, margin: float) -> tuple[_Iterate, bool]:
         """Raise the output step by step; return where it ends, and whether it has settled."""
         size, radius, penalty = abs(at.value) or 1.0, RADIUS, PENALTY
-        hessian = np.eye(len(self.names))
+        hessian = unbent = np.eye(len(self.names))
+        learnt = False  # whether the step, or its length, comes from what earlier steps have shown
         for _ in range(ITERATIONS):
             step, gain = self.step(at, hessian, radius, size, penalty)
             if gain < SETTLED:
-                if np.min(at.slack, initial=0.0) >= -KEPT or penalty >= LARGEST:
+                if self.step(at, unbent, RADIUS, size, penalty)[1] >= SETTLED:
+                    if not learnt:
+                        return at, False
+                    hessian, radius, learnt = unbent, RADIUS, False  # learnt elsewhere
+                elif np.min(at.slack, initial=0.0) >= -KEPT or penalty >= LARGEST:
                     return at, True
-                penalty *= 10.0
+                else:
+                    penalty *= 10.0
                 continue
             there = self.moved(at, step, margin)
             risen = -np.inf
@@ -536,50 +543,34 @@ class _Designer:
                 if radius < SMALLEST:
                     return at, False
                 continue
+            learnt = True
             if risen > 0.75 * gain and np.max(np.abs(step)) > 0.9 * radius:
                 radius = min(2.0 * radius, 0.5)
-            prices = self.prices(there)[0] / size
-            downhill = [-x.slope / size - prices @ x.slack_slopes for x in (at, there)]
-            hessian, at = updated_hessian(hessian, step, downhill[1] - downhill[0]), there
+            hessian = self.bent(hessian, at, there, step, size)
+            at = there
         return at, False
+
+    def bent(
+        self, hessian: Array, at: _Iterate, there: _Iterate, step: Array, size: float
+    ) -> Array:
+        """The Hessian after a step; at first where other events constrain."""
+        if there.names != at.names:
+            return np.eye(len(self.names))
+        prices = self.prices(there)[0] / size
+        downhill = [-x.slope / size - prices @ x.slack_slopes for x in (at, there)]
+        return updated_hessian(hessian, step, downhill[1] - downhill[0])
 
     def step(
         self, at: _Iterate, hessian: Array, radius: float, size: float, penalty: float
     ) -> tuple[Array, float]:
         """The step that raises the output most to second order, and by how much, penalties for
         violated constraints included."""
-        from scipy.optimize import minimize
-
-        count, points = len(self.names), self.parts(at.here)
-        room = np.maximum(0.0, -at.slack)
-        slope = np.concatenate([-at.slope / size, np.full(len(room), penalty)])
-
-        def cost(x: Array) -> float:
-            return float(slope @ x + 0.5 * x[:count] @ hessian @ x[:count])
-
-        def rise(x: Array) -> Array:
-            return slope + np.concatenate([hessian @ x[:count], np.zeros(len(room))])
-
-        rows = np.hstack([at.slack_slopes, np.eye(len(room))])
+        points = self.parts(at.here)
         low, high = np.maximum(-radius, -points), np.minimum(radius, 1.0 - points)
-        begin = np.concatenate([np.zeros(count), room])
-        found = minimize(
-            cost,
-            begin,
-            jac=rise,
-            bounds=[*zip(np.minimum(low, 0.0), np.maximum(high, 0.0), strict=True)]
-            + [(0.0, None)] * len(room),
-            constraints={
-                "type": "ineq",
-                "fun": lambda x: at.slack + rows @ x,
-                "jac": lambda x: rows,
-            }
-            if len(room)
-            else (),
-            method="SLSQP",
-            options={"ftol": 1e-14, "maxiter": 200},
-        )
-        return found.x[:count], cost(begin) - float(found.fun)
+        box = np.minimum(low, 0.0), np.maximum(high, 0.0)
+        constraints = at.slack, at.slack_slopes
+        step, cost = least_quadratic(-at.slope / size, hessian, penalty, constraints, box)
+        return step, penalty * float(np.sum(np.maximum(0.0, -at.slack))) - cost
 
     def parts(self, here: Linearisation) -> Array:
         """The parameters, as parts of the ranges within their bounds."""
@@ -600,8 +591,10 @@ class _Designer:
             near = self.margins(there, np.inf)
             for place, event in at.events.items():
                 found = near.again(event)
-                if found is None:
-                    return None
+                if found is None:  # it may be none there, as a branch point without the symmetry
+                    near = self.margins(there, margin + BEYOND)
+                    events = {event.place: event for event in near.margins().events}
+                    break
                 events[place] = found
         return self.iterate(there, events, margin)
 

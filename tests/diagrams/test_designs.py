@@ -270,3 +270,35 @@ def test_scenes_without_a_design_are_refused():
         ci.design(given)
     options = read_scene(scene()).resolved()["design"]
     assert read_scene({**SCENE, "design": options}).design == read_scene(scene()).design
+
+
+@pytest.mark.full
+def test_branch_points_constrain_only_where_the_symmetry_is():
+    """At beta = 0 the 1:1 orbit has a branch point that it has nowhere else. With a small margin
+    the optimum leaves beta = 0; with a large one it is where the distance to that point ends it.
+    Both are compared with powers beside them."""
+    given = scene(bounds={"s": [0.7, 0.8], "A": [3, 12], "beta": [0, "pi/3"]}, margins=[0.25, 4])
+    given["follow"]["orbits"] = ["1:1"]
+    given["design"]["tolerances"] = dict.fromkeys(("s", "A", "beta", "r"), "5%")
+    found = ci.design(given)
+    small, large = found.trade_off
+    assert small.settled
+    assert large.settled
+    assert small.value > found.best.value > large.value
+
+    def power(beta, amplitude):
+        model = small.orbit.model.replace(beta=beta, A=amplitude, s=0.8)
+        orbits = ci.find_orbits(model, "1:1", parameter="s")
+        one = next(o for o in orbits if o.stable and o.physical)
+        return one.mean("U**2", per_time=True, harvester=ci.Membrane()).value
+
+    beta = small.parameters["beta"]
+    assert small.parameters["A"] == 12.0
+    assert small.value == pytest.approx(power(beta, 12.0), rel=1e-9)
+    assert small.value > max(power(beta - 0.01, 12.0), power(beta + 0.01, 12.0), power(0.0, 12.0))
+    assert [one.name for one in large.active] == ["BP", "bound s = 0.8"]
+    tolerances = dict.fromkeys(("s", "A", "r"), "5%")
+    level = large.orbit.model.replace(beta=0.0)
+    orbits = ci.find_orbits(level, "1:1", parameter="s")
+    orbit = next(o for o in orbits if o.stable and o.physical)
+    assert ci.find_margins(orbit, tolerances).nearest.distance == pytest.approx(4.0, abs=1e-6)
