@@ -12,6 +12,7 @@ import contextlib
 import gc
 import importlib
 import os
+import re
 import signal
 import sys
 import threading
@@ -83,6 +84,9 @@ THREADS = "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_
 """Environment variables that set the number of threads of linear algebra. Matrices are so small
 that several threads take longer than one, up to ten times where other processes run."""
 
+
+NEGATIVE = re.compile(r"-\.?\d")
+"""How a value begins that is no option."""
 
 UNSEARCHED = 20_000, 10, 10
 """How many objects are made between two of Python's searches for unreachable ones: most of what a
@@ -162,6 +166,7 @@ def parser() -> argparse.ArgumentParser:
         raw, example = argparse.RawDescriptionHelpFormatter, f"example:\n  {EXAMPLES[name]}"
         found = commands.add_parser(name, help=help, epilog=example, formatter_class=raw)
         found.set_defaults(function=function)
+        found._negative_number_matcher = NEGATIVE  # argparse's own has no exponents
         return found
 
     check = add("check", "scenes.check", "validate a scene and say what would run")

@@ -7,7 +7,6 @@ import dataclasses
 import importlib.util
 import webbrowser
 from collections.abc import Mapping
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,10 +18,17 @@ from ..results.catalogue import Results, open_results, read_fractions, simulatio
 from ..results.diagram import Diagram
 from ..results.diagram_reading import sentence_of
 from ..results.options import FORMATS, CertifyOptions, PlotOptions
-from ..results.result_folder import MANIFEST, WANTED, hold_folder, kept_still, reading
+from ..results.result_folder import (
+    MANIFEST,
+    WANTED,
+    hold_folder,
+    kept_still,
+    prepare_folder,
+    reading,
+)
 from ..results.scene import Scene, load_scene, read_scene, systems_of
 from ..segments.kernels import Kernels
-from ..storage import is_there, read_json, write_all
+from ..storage import is_there, read_json, write_text
 from . import complain, say
 from .console import motions_in
 
@@ -73,6 +79,9 @@ def ranges(options: argparse.Namespace) -> int:
     from ..diagrams.ranges import load_ranges, ranges_text
 
     folder, systems = Path(options.folder), systems_of(options.system)
+    target = Path(options.output or "")
+    if options.output:
+        prepare_folder(target.parent, [target.name])
     with (
         kept_still(folder, only_read=True),
         telling(folder.name, options.quiet, patient=True) as tell,
@@ -86,8 +95,7 @@ def ranges(options: argparse.Namespace) -> int:
     except InputError as error:
         raise InputError("--at", f"{error.found} for {error.where}", error.accepted) from None
     if options.output:
-        target = Path(options.output)
-        write_all(target.parent, {target.name: partial(ranges_text, found)})
+        write_text(target, ranges_text(found))
         texts.append(f"written to {target}")
     for text in texts if not options.quiet else ():
         say(text)

@@ -520,9 +520,16 @@ def test_plot_over_another_column(monkeypatch, run, copied):
 
 @pytest.mark.full
 def test_plot_limits(monkeypatch, run, copied):
-    ax = figure_of(monkeypatch, run, copied, "--xlim", "0.1", "0.3", "--ylim", "-1", "2")
+    ax = figure_of(monkeypatch, run, copied, "--xlim", "0.1", "0.3", "--ylim", "-1e0", "2")
     assert ax.get_xlim() == (0.1, 0.3)
     assert ax.get_ylim() == (-1.0, 2.0)
+
+
+def test_a_table_of_ranges_in_place_of_a_folder_is_refused(run, copied, tmp_path):
+    for place in (".", "/", tmp_path):
+        status, _, err = run("range", copied, "-o", place)
+        assert status == 2
+        assert "a folder; move it: a file is to be written" in err
 
 
 @pytest.mark.parametrize("column", ["q", ""])
