@@ -113,12 +113,13 @@ def atlas(options: argparse.Namespace) -> int:
     if len(at) < len(given):
         raise InputError("--at", "two values of one axis", "give one")
     names = options.study or studies(options.store)
-    folder, drawn = Path(options.output), False
+    folder, drawn, mapped = Path(options.output), False, False
     with telling("atlas", options.quiet, patient=True) as tell:
         for name in names:
             with Study(options.store, name) as study:
                 if not options.study and len(study.axes) < 2:
                     continue  # nothing of two axes, and nobody has asked for it
+                mapped = True
                 if lacking := shortfall(study):
                     complain(f"{name}: {lacking}; values are missing there, or may be wrong")
                 for quantity in options.quantity or QUANTITIES:
@@ -130,6 +131,9 @@ def atlas(options: argparse.Namespace) -> int:
                         _write_map(shown, study, folder, options)
                         of_orbit = "{orbit}" in quantity_of(quantity).text
                         drawn |= of_orbit or bool(options.quantity) or not options.orbit
+    if not mapped:
+        accepted = "give a store of a study with two names in [study.grid] or [study.sample]"
+        raise InputError(options.store, "no study has two axes", accepted)
     if not drawn:
         found = f"no map over two axes has a value of {options.orbit or ORBIT}"
         raise InputError(options.store, found, "name an orbit of its scenes with --orbit")

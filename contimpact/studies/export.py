@@ -22,6 +22,8 @@ from .study import ROWS, Selection, Study, file_stem, studies
 FORMATS = ("csv", "csv.gz", "json", "parquet")
 BLOCK = 10_000
 """Rows that are in memory at once."""
+ALL = 17
+"""Significant digits from which on a float reads back to the bit."""
 
 Row = Mapping[str, Any]
 
@@ -86,7 +88,9 @@ def _rows(chosen: Selection, columns: Sequence[str], digits: int | None) -> Iter
 
 
 def _round_value(value: Any, digits: int | None) -> Any:
-    return float(f"{value:.{digits}g}") if digits and isinstance(value, float) else value
+    if digits is None or digits >= ALL or not isinstance(value, float):
+        return value
+    return float(f"{value:.{digits}g}")
 
 
 @contextlib.contextmanager

@@ -68,6 +68,14 @@ def test_columns_and_digits(store, tmp_path):  # noqa: F811
     assert rows[:2] == ["r,label,value", "0.05,~PD,0.4819"]
 
 
+def test_more_digits_than_a_number_has_are_all_of_them(store, tmp_path):  # noqa: F811
+    texts = set()
+    for digits in (None, 17, 10**14):
+        export(store, tmp_path, names=[NAME], tables=["events"], digits=digits)
+        texts.add((tmp_path / f"{STEM}-events.csv").read_text())
+    assert len(texts) == 1
+
+
 def test_columns_and_digits_that_there_are_not(store, tmp_path, capsys):  # noqa: F811
     command = ["export", str(store), "-o", str(tmp_path / "out")]
     for given, found in (
