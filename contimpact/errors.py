@@ -6,7 +6,10 @@ import functools
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from numbers import Integral
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
+
+if TYPE_CHECKING:
+    import numpy as np
 
 Call = TypeVar("Call", bound=Callable[..., Any])
 
@@ -109,6 +112,17 @@ def require_whole(value: Any, where: str, least: int = 1) -> None:
     """Raise `InputError` for what is no whole number, or too small a one."""
     if not isinstance(value, Integral) or isinstance(value, bool) or value < least:
         raise InputError(where, f"found {value!r}", f"give a whole number >= {least}")
+
+
+def random_generator(rng: Any, where: str = "rng") -> np.random.Generator:
+    """Return NumPy's generator with a seed, or the one given; raise `InputError` for neither."""
+    import numpy as np
+
+    try:
+        return np.random.default_rng(rng)
+    except (TypeError, ValueError):
+        accepted = "give a seed, which is a whole number >= 0, or a numpy.random.Generator"
+        raise InputError(where, f"found {short_repr(rng)}", accepted) from None
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

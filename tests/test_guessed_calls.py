@@ -287,6 +287,22 @@ def test_a_mistake_within_a_call_is_reported_as_it_is(model):
     assert "it takes" not in str(error.value)
 
 
+@pytest.mark.parametrize("seed", [-1, "x", 0.5])
+def test_a_seed_that_is_none_is_refused(model, seed):
+    calls = {
+        "rng": [
+            lambda: ci.find_orbits(model, "2:1", parameter="s", rng=seed),
+            lambda: ci.sweep(model, "s", [0.3], rng=seed),
+            lambda: ci.basin_fractions(model, "s", [0.3], rng=seed),
+        ],
+        "generator": [lambda: ci.Simulator(model).random_state(seed)],
+    }
+    for name, each in calls.items():
+        for call in each:
+            with pytest.raises(ci.InputError, match=f"^{name}: found .*give a seed"):
+                call()
+
+
 def test_capitals_are_no_other_name():
     with pytest.raises(InputError, match=r"S: no such parameter \(did you mean 's'\?\)"):
         ci.ImpactPair(beta=0.5, r=0.3, A=5.0, S=0.5)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..arrays import Array
-from ..errors import InputError, explain_arguments, short_repr
+from ..errors import InputError, explain_arguments, random_generator, short_repr
 from ..models.guards import Word, graph, parse_word, repetitions
 from ..models.model import Model
 from ..orbits import search as orbits_search
@@ -131,7 +131,7 @@ def settled_orbits(model: Model, kernels: Kernels, rng: np.random.Generator | in
     from ..simulation.simulator import Simulator
 
     simulator = Simulator(model, kernels, longest_flight=LONGEST_FLIGHT)
-    generator = np.random.default_rng(rng)
+    generator = random_generator(rng)
     integrated = any(kernels.integrated(guard.name) for guard in model.WALLS)
     effort = 2 if integrated else int(simulator.machine.costly)
     motions, patience = (DEAR_MOTIONS, DEAR_QUIET) if effort else (MOTIONS, QUIET)

@@ -24,7 +24,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..display import NotebookResult, Summary
-from ..errors import InputError, did_you_mean, explain_arguments, short_repr
+from ..errors import InputError, did_you_mean, explain_arguments, random_generator, short_repr
 from ..models.guards import Wall, Word
 from ..models.model import Model
 from ..schema import LARGEST_NUMBER
@@ -387,7 +387,7 @@ def _elsewhere(
     model: Model, word: str | Word, names: Sequence[str], rng: Any
 ) -> tuple[list[Orbit], str]:
     """The orbits of a word at other values of the parameters to fit, drawn around the model's."""
-    generator = np.random.default_rng(rng)
+    generator = random_generator(rng)
     for _ in range(ELSEWHERE):
         values = {name: model.values[name] for name in names}
         for name, part in zip(names, AROUND * generator.standard_normal(len(names)), strict=True):

@@ -25,7 +25,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ..errors import InputError
+from ..errors import InputError, random_generator
 from ..models.guards import Word, graph, parse_word
 from ..models.model import Model, Symmetry
 from ..progress import Asked, Progress, ignore_progress, progress_lines
@@ -443,7 +443,7 @@ def search_for(
     tell: Progress = ignore_progress,
 ) -> Search:
     """Search for the orbits of a problem at its model's parameters; see `find_orbits`."""
-    generator = np.random.default_rng(rng)
+    generator = random_generator(rng)
     if not problem.word.walls:
         if isinstance(problem, FreeQuietProblem):
             return Search(_search_turning(problem, generator), TURNING_STARTS)

@@ -26,7 +26,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..display import NotebookResult, Summary, frame
-from ..errors import InputError, explain_arguments, require_whole, short_repr
+from ..errors import InputError, explain_arguments, random_generator, require_whole, short_repr
 from ..models.model import Model
 from ..orbits.orbit import Orbit
 from ..orbits.search import solve_near
@@ -324,7 +324,7 @@ def _count(
     simulator: Simulator, starts: int, box: Mapping[str, Any] | None, settling: Settling, rng: int
 ) -> tuple[list[Attractor], Array]:
     """The attractors that starts lead to, and how many lead to each."""
-    area, generator = start_box(simulator, box), np.random.default_rng(rng)
+    area, generator = start_box(simulator, box), random_generator(rng)
     drawn = [_start(area, simulator, generator) for _ in range(starts)]
     states = [state for state in drawn if state is not None]
     known: list[Attractor] = []
@@ -529,7 +529,7 @@ def integrity(
     if directions < 3 or not 0.0 < largest <= 10.0:
         found = f"directions {directions}, largest {largest}"
         raise InputError("integrity", found, "give at least 3 directions, and 0 < largest <= 10")
-    return _Search(orbit, settling).nearest(directions, largest, np.random.default_rng(rng))
+    return _Search(orbit, settling).nearest(directions, largest, random_generator(rng))
 
 
 class _Search:
@@ -702,7 +702,7 @@ def escape_rate(
     orbit.fluctuations(noise)  # refuses what has no fluctuations
     for name, count in (("motions", motions), ("periods", periods)):
         require_whole(count, name)
-    generator, model = np.random.default_rng(rng), orbit.model
+    generator, model = random_generator(rng), orbit.model
     kernels = Kernels(model, next(iter(model.values)))
     still, word = Simulator(model, kernels), orbit.word
     rows = orbit.problem.impacts(orbit.unknowns)

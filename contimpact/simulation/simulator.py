@@ -24,7 +24,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..display import ParameterItems
-from ..errors import InputError, explain_arguments, require_whole
+from ..errors import InputError, explain_arguments, random_generator, require_whole
 from ..models.model import Model
 from ..segments.compiling import cores
 from ..segments.kernel import Family
@@ -232,7 +232,7 @@ class Simulator(ParameterItems):
         ----------
         generator : None, int or numpy.random.Generator, default 0
         """
-        return self.met(self.machine.random(np.random.default_rng(generator)))
+        return self.met(self.machine.random(random_generator(generator, "generator")))
 
     @property
     def fastest(self) -> float:

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..display import NotebookResult, ParameterItems, Summary, frame, limit_lines
-from ..errors import InputError, did_you_mean, explain_arguments, short_repr
+from ..errors import InputError, did_you_mean, explain_arguments, random_generator, short_repr
 from ..models.guards import Word, is_rotation
 from ..models.model import Model
 from ..orbits.orbit import Orbit
@@ -293,7 +293,7 @@ def sweep_rows(
         if isinstance(start, Attractor):
             found, start = settle_again(simulator, start, settling), None
         if found is None:
-            begin = simulator.random_state(np.random.default_rng(rng)) if start is None else start
+            begin = simulator.random_state(random_generator(rng)) if start is None else start
             found = settle(simulator, begin, settling)
         start = found
         yield Row(direction or ("down" if falling else "up"), value, found)
@@ -372,7 +372,7 @@ def find_attractors(
         Each once.
     """
     simulator = as_simulator(simulator)
-    generator = np.random.default_rng(rng)
+    generator = random_generator(rng)
     found: list[Attractor] = []
     for _ in range(starts):
         attractor = settle(simulator, simulator.random_state(generator), settling)
