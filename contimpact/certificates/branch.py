@@ -7,11 +7,13 @@ cut; what is left open is named with its piece of the parameter.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -19,11 +21,12 @@ from flint import arb, ctx
 
 from ..bifurcations.kind import kind_of
 from ..continuation.branch import EndKind
+from ..errors import InputError
 from ..models.guards import Word
 from ..models.model import Model
 from ..orbits.problem import Array, OrbitProblem
 from ..progress import Progress, ignore_progress
-from ..results.branch import Branch, Entry, model_at
+from ..results.branch import Branch, Entry, model_at, orbit_of
 from ..schema import record
 from ..segments.kernels import Kernels
 from .birth import Birth, meet, prove_birth
@@ -62,6 +65,9 @@ BITS = 64
 """Precision of tubes, whose widths are far above rounding."""
 DEEPEST = 6
 """How often a tube is halved on which something stays open."""
+
+ASIDE = 1e-6
+"""How far from its event an entry may be recorded, in natural sizes and in u."""
 
 NO_TUBE = "no tube is proven"
 
@@ -144,7 +150,8 @@ def _piece(segment: Segment, what: str) -> Piece:
 
 class Examination:
     """What the tubes of a branch are searched for: the kinds that a tube can be searched for, and
-    what is known. When the budget is spent, tubes are not cut any more."""
+    what is known; `uncertified` are orbits of entries that are not proven to be where they are
+    recorded. When the budget is spent, tubes are not cut any more."""
 
     def __init__(
         self,
@@ -152,6 +159,7 @@ class Examination:
         kinds: Sequence[str],
         known: Sequence[CertifiedEntry],
         budget: Budget | None = None,
+        uncertified: Mapping[str, Balls] = MappingProxyType({}),
     ) -> None:
         self.space = BallProblem(problem, BITS)
         own = [(name, kind_of(name)) for name in kinds]
@@ -161,6 +169,7 @@ class Examination:
             if (kind.multiplier in MULTIPLIERS and not kind.crossing) or "touch_time" in kind.needed
         ]
         self.known = known
+        self.uncertified = uncertified
         self.budget = budget or Budget()
         self.found = Findings()
         self.limits = limits(problem)
@@ -242,6 +251,8 @@ class Examination:
                     tube, name, test_at(tube.segment, mu), cell
                 ):
                     left.append("flights vanish there, and their multipliers with them")
+                elif not inside and (beside := self._uncertified_in(tube, cell.left, cell.right)):
+                    left.append(f"a zero of the test function of {name} is not told from {beside}")
                 elif not inside:
                     at = float(tube.state(arb(0.5 * (cell.left + cell.right)))[-1].mid())
                     missing.append(f"a zero of the test function of {name} near {at:.9g}")
@@ -284,11 +295,20 @@ class Examination:
                 events += inside
             elif not along.passes(patch.wall, patch.along):
                 where = f"of flight {along.flight + 1} and wall {patch.wall}"
-                if patch.single and not own and self._exists(along, patch):
+                assert isinstance(along.tube, Tube)
+                if beside := self._uncertified_in(along.tube, *_widen(patch.along)):
+                    left.append(f"touches {where} are not told from {beside}")
+                elif patch.single and not own and self._exists(along, patch):
                     missing.append(f"a touch {where}")
                 else:
                     left.append(f"touches {where} are not excluded")
                 return
+
+    def _uncertified_in(self, tube: Tube, left: float, right: float) -> str:
+        """The entries recorded on a part of a tube that are not proven to be there, in words."""
+        places = ((name, recorded_place(tube, z)) for name, z in self.uncertified.items())
+        names = [name for name, u in places if u is not None and left - ASIDE < u < right + ASIDE]
+        return f"{' and '.join(names)}, not certified" if names else ""
 
     def _exists(self, along: FlightCoordinate, patch: Patch) -> bool:
         """Whether a touch in a patch is proven to exist."""
@@ -413,6 +433,21 @@ def entry_place(tube: Tube, one: CertifiedEntry) -> tuple[float, float] | None:
     return (left, right) if all(beside) else None
 
 
+def recorded_place(tube: Tube, z: Balls) -> float | None:
+    """Return the u of the place on the branch that is nearest to a recorded orbit, which nothing is
+    proven of; None if it lies elsewhere."""
+    segment = tube.segment
+    at = np.array([float(x.mid()) for x in _shift_to_branch_clock(segment, z)])
+    grid = np.linspace(-1.0 - ASIDE, 1.0 + ASIDE, 65)
+    for _ in range(8):
+        points = np.array([[float(x.mid()) for x in segment.at(arb(u))] for u in grid])
+        far = np.max(np.abs(points - at) / segment.scale, axis=1)
+        k = int(np.argmin(far))
+        nearest, step = float(grid[k]), float(grid[1] - grid[0])
+        grid = np.linspace(nearest - step, nearest + step, 9)
+    return nearest if far[k] < ASIDE + np.max(tube.box / segment.scale) else None
+
+
 def _shift_to_branch_clock(segment: Segment, z: Balls) -> Balls:
     """An orbit whole periods later or earlier, as the branch counts times."""
     space, m = segment.space, segment.space.problem.m
@@ -530,7 +565,8 @@ def certify_branch(
     with _branch_precision():
         problem = problem_of(branch, model, kernels)
         own, crossings = _events_on(branch, problem, entries, certificates)
-        work = Examination(problem, kinds, own, budget)
+        uncertified = _uncertified_orbits(problem, entries, certificates)
+        work = Examination(problem, kinds, own, budget, uncertified)
         points = points_of(branch, problem)
         scale = scale_of(problem, points)
         nodes = nodes_of(problem, points, scale)
@@ -559,6 +595,22 @@ def _events_on(
     alike = [e for e in entries if certificates[e.id].located and _belongs_to(problem, e)]
     own = [certified_entry(e, certificates[e.id], problem) for e in alike if e.branch == branch.id]
     return own, {e.id: e.value for e in alike if kind_of(e.kind).crossing}
+
+
+def _uncertified_orbits(
+    problem: OrbitProblem, entries: Sequence[Entry], certificates: Mapping[str, EventCertificate]
+) -> dict[str, Balls]:
+    """The orbits of entries of a branch's word that are not proven to be where they are recorded,
+    whatever branch has them; those of damaged entries are none."""
+    found = {}
+    for entry in entries:
+        if certificates[entry.id].located:
+            continue
+        with contextlib.suppress(InputError, LookupError, TypeError, AttributeError):
+            if _belongs_to(problem, entry):
+                orbit = orbit_of(entry, problem.model, problem.kernels)
+                found[entry.id] = [arb(x) for x in orbit.linearisation.unknowns.tolist()]
+    return found
 
 
 def without_certificate(branch: Branch, why: str) -> BranchCertificate:
@@ -606,7 +658,8 @@ def verify_branch(
     with _branch_precision():
         problem = problem_of(branch, model, kernels)
         own, crossings = _events_on(branch, problem, entries, certificates)
-        work = Examination(problem, record.kinds, own)
+        uncertified = _uncertified_orbits(problem, entries, certificates)
+        work = Examination(problem, record.kinds, own, uncertified=uncertified)
         points = points_of(branch, problem)
         scale = scale_of(problem, points)
         stored = list(_stored_tubes(record, work.space, scale))

@@ -178,6 +178,22 @@ def test_a_deleted_event_is_missing_there(diagram, proven):
         assert sorted(found.events) == sorted(certificates)
 
 
+def test_an_event_whose_entry_is_not_certified_is_not_missing(diagram, proven):
+    """Its zero may be the entry's: what is said to be missing is in no entry."""
+    (branch,) = diagram.branches
+    certificates = {c.id: c for c in proven.entries}
+    for entry in diagram.entries:
+        rejected = dataclasses.replace(
+            certificates[entry.id], verdict="rejected", clause="existence"
+        )
+        known = {**certificates, entry.id: rejected}
+        found = verify_branch(branch, proven.branches[0], branch.events, known)
+        assert not found.refuted
+        assert not found.complete
+        (piece,) = found.unproven
+        assert piece.what.endswith(f"not told from {entry.id}, not certified")
+
+
 def test_an_invented_event_is_rejected_there(diagram):
     for place, away in ((0, 0.01), (1, 0.02), (2, -0.05)):
         entry = diagram.entries[place]
