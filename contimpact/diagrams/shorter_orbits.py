@@ -32,7 +32,7 @@ from ..errors import InputError
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
 from ..orbits.search import reduce_period, repeats
-from .curve_problem import CurvePoint, double_of
+from .curve_problem import CurvePoint, CurveProblem, double_of
 
 # Beyond, the same orbits come again, whole periods later. So ends the fold of a doubled orbit at a
 # GPD, where the doubling changes its direction. Its grazing ends at a PD-G, and the zero velocity
@@ -105,8 +105,9 @@ def crossing(problem: Problem[CurvePoint], guess: Point, scale: Array) -> Meetin
 
 
 def solve_repetition(here: CurvePoint) -> Location | None:
-    """Solve for the point nearest to one of a curve where its orbit is a shorter one, run several
-    times: one of codimension two on the curve of PD of that orbit. None if there is none."""
+    """Solve for the point nearest to one of a curve, for all that their errors tell, where its
+    orbit is a shorter one, run several times: one of codimension two on the curve of PD of that
+    orbit. None if there is none."""
     problem, kind, found = here.orbit.problem, here.problem.kind, []
     if not problem.word.walls:
         return None
@@ -123,7 +124,7 @@ def solve_repetition(here: CurvePoint) -> Location | None:
             problem.kernel_evaluations += short.kernel_evaluations
     return min(
         (location for location in found if location is not None),
-        key=lambda location: length(location.unknowns - here.unknowns, scale),
+        key=lambda one: length(one.unknowns - here.unknowns, scale) + one.error / scale[-1],
         default=None,
     )
 
@@ -183,8 +184,8 @@ class ShorterEnd(Policy):
         problem = last.evaluation.problem
         away = found.unknowns - last.unknowns
         scale = problem.scale(found.unknowns, abs(found.unknowns[-1]))
-        distance, ahead = length(away, scale), inner_product(away, last.tangent, scale)
-        if not ahead > AHEAD * distance * length(last.tangent, scale) or distance > BESIDE_SHORTER:
+        distance = length(away, scale)
+        if not _cosine(problem, away, last.tangent, scale) > AHEAD or distance > BESIDE_SHORTER:
             return walk
         here = problem.evaluate(found.unknowns)
         reached = replace(last, evaluation=here, arclength=last.arclength + distance, iterations=0)
@@ -204,6 +205,13 @@ class ShorterEnd(Policy):
         tests = [test for test in self.tests if test.kind == missed.kind]
         first, last = (np.concatenate([t.at(beside[k]) for t in tests]) for k in (0, -1))
         return bool(np.any(np.abs(last) < VANISHED * np.abs(first)))
+
+
+def _cosine(problem: CurveProblem, one: Array, other: Array, scale: Array) -> float:
+    """The cosine of the angle of two directions of a curve, as ones of its orbit: what the event
+    adds is not unique where that is a shorter one, and so tells no direction."""
+    a, b, sizes = (problem.unpacked(row)[0] for row in (one, other, scale))
+    return inner_product(a, b, sizes) / (length(a, sizes) * length(b, sizes))
 
 
 VANISHED = 1e-2

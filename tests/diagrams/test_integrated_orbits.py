@@ -206,6 +206,18 @@ def test_so_end_curves_of_orbits_of_four_periods(kind, forgetful):
 
 
 @pytest.mark.full
+def test_a_curve_ends_there_whatever_becomes_of_its_vectors(forgetful):
+    """Vectors of kernels are not unique there, and turned the end aside: it was refused 2e-5 ahead
+    of the last point. Of the orbits 1/1T and 11/2T, that of the one run twice is known to 1e-7."""
+    branch = ci.continue_born(doubled(), range=(0.912, 0.915), events=["PD"])
+    entry = next(event for event in branch.events if event.value < 0.9135)
+    assert entry.value == pytest.approx(0.912550509, abs=1e-9)
+    curve = ci.follow_curve(entry, second="a", first_range=(0.85, 1.6), second_range=(0.49, 0.53))
+    row = next(k for k in (0, -1) if "became 1, run 4 times" in curve.ends[k].message)
+    check_end(curve, row, forgetful)
+
+
+@pytest.mark.full
 def test_an_orbit_at_rest_on_a_curve_of_doublings_has_no_multipliers():
     """C(mu) is singular for every mu at this PD-V: the row had -29.97, and one unstable."""
     entry = next(e for e in ci.load_entries(ROOT / "branches" / "duffing") if e.id == "e12")
