@@ -67,7 +67,14 @@ from .curve_problem import (
     require_curve,
     slope_of,
 )
-from .shorter_orbits import SAME_ORBIT, RepetitionTest, ShorterEnd, crossing, repetition_end
+from .shorter_orbits import (
+    SAME_ORBIT,
+    UNLOCATED,
+    RepetitionTest,
+    ShorterEnd,
+    crossing,
+    repetition_end,
+)
 
 # Points put between those of a curve, until splines through them are as near it as asked.
 
@@ -287,10 +294,6 @@ def walk_curve(
 SLOW = 1e-6
 """Orbits whose impacts are all faster than this part of the fastest have the multiplier they are
 solved for."""
-
-
-UNLOCATED = ", or up to a step beyond: that place is not located"
-"""What is said of an end where a limit is passed, and not located."""
 
 
 class LeavingEnd(Policy):

@@ -29,6 +29,7 @@ from ..continuation.corrector import inner_product, length
 from ..continuation.crossing_branches import Meeting
 from ..continuation.walk import Policy
 from ..errors import InputError
+from ..models.guards import Word
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
 from ..orbits.search import reduce_period, repeats
@@ -86,10 +87,13 @@ class RepetitionTest(TestFunction[CurvePoint]):
 def repetition_end(point: Point[CurvePoint]) -> End:
     """Return the end of a curve at an orbit that repeats a shorter one."""
     orbit = point.evaluation.orbit
-    once, _ = reduce_period(orbit.problem, orbit.unknowns, SAME_ORBIT)
-    letters = orbit.problem.model.letters
-    first, times = orbit.problem.kernels.parameter, len(orbit.problem.word) // len(once.word)
-    told = {"word": once.word.notation(letters), "times": times}
+    return _end_at(point, reduce_period(orbit.problem, orbit.unknowns, SAME_ORBIT)[0].word)
+
+
+def _end_at(point: Point[CurvePoint], word: Word) -> End:
+    problem = point.evaluation.orbit.problem
+    first, times = problem.kernels.parameter, len(problem.word) // len(word)
+    told = {"word": word.notation(problem.model.letters), "times": times}
     return End.of(EndKind.SHORTER, first, point.evaluation.parameter(first), **told)
 
 
@@ -159,22 +163,56 @@ def _repetition_at(here: CurvePoint, mean: Linearisation, name: str) -> Location
 def _mean_part(here: Linearisation, short: OrbitProblem) -> tuple[Array, Array]:
     """The mean of the parts of an orbit that nearly repeats a shorter one, as one of its word, and
     how far each impact is from it: no repeated orbit is nearer."""
-    rows, count = here.problem.impacts(here.unknowns), len(short.word)
+    parts, span = _parts(here, len(short.word))
+    mean = parts.mean(axis=0)
+    return short.with_impacts(mean, span, here.unknowns), (parts - mean).ravel()
+
+
+def _parts(here: Linearisation, count: int) -> tuple[Array, float]:
+    """The parts of an orbit of so many impacts each, on one clock, and how long each lasts."""
+    rows = here.problem.impacts(here.unknowns)
     times = len(rows) // count
     span = here.problem.span(here.unknowns) / times
     parts = rows.reshape(times, count, -1).copy()
     parts[:, :, 0] -= span * np.arange(times)[:, None]
-    mean = parts.mean(axis=0)
-    return short.with_impacts(mean, span, here.unknowns), (parts - mean).ravel()
+    return parts, span
+
+
+def _passed_word(before: Point[CurvePoint], after: Point[CurvePoint]) -> Word | None:
+    """The word of the shorter orbit that a curve passes between two points: its parts, at all
+    impacts at once, change places."""
+    orbits = [point.evaluation.orbit for point in (before, after)]
+    size = orbits[0].sizes[1][: orbits[0].problem.n]
+    for word in sorted(orbits[0].problem.word.repeated(), key=len):
+        parts = (_parts(orbit, len(word))[0] for orbit in orbits)
+        first, last = ((part - part.mean(axis=0)).ravel() / size for part in parts)
+        change = last - first
+        way = np.clip(-(first @ change) / ((change @ change) or 1.0), 0.0, 1.0)
+        ends = min(np.linalg.norm(first), np.linalg.norm(last))
+        if np.linalg.norm(first + way * change) < THROUGH * ends:
+            return word
+    return None
 
 
 class ShorterEnd(Policy):
     """Ends a walk from which no step leads on at the orbit run twice that is next to its last one:
     there curves cross, and steps over the crossing may fail. What is missed so near to it of tests
-    that vanish there is that zero."""
+    that vanish there is that zero. A walk that passes such an orbit, which is not located, ends
+    before it: the orbits beyond are known."""
 
     def __init__(self, tests: Sequence[TestFunction]) -> None:
         self.tests = tests
+        self.before: Point[CurvePoint] | None = None
+
+    def accepted(
+        self, point: Point[CurvePoint], events: Sequence[Event]
+    ) -> tuple[End, Point] | None:
+        before, self.before = self.before, point
+        word = None if before is None else _passed_word(before, point)
+        if before is None or word is None:
+            return None
+        end = _end_at(before, word)
+        return replace(end, message=f"{end.message}{UNLOCATED}"), before
 
     def ended(self, walk: Walk) -> Walk:
         last = walk.points[-1]
@@ -213,6 +251,12 @@ def _cosine(problem: CurveProblem, one: Array, other: Array, scale: Array) -> fl
     a, b, sizes = (problem.unpacked(row)[0] for row in (one, other, scale))
     return inner_product(a, b, sizes) / (length(a, sizes) * length(b, sizes))
 
+
+UNLOCATED = ", or up to a step beyond: that place is not located"
+"""What is said of an end where a limit is passed, and not located."""
+
+THROUGH = 0.1
+"""How much nearer to a shorter orbit the way between two points is than they are, if it passes."""
 
 VANISHED = 1e-2
 """Part of its value beside an end below which a test function vanishes there."""

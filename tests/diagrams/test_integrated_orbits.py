@@ -217,6 +217,23 @@ def test_a_curve_ends_there_whatever_becomes_of_its_vectors(forgetful):
     check_end(curve, row, forgetful)
 
 
+@pytest.mark.slow
+def test_a_gpd_ends_in_three_parameters_where_its_orbit_becomes_a_shorter_one():
+    """That point of codimension three is not located: the curve passed it, to the same orbits half
+    a period later, and both of its ends were the same."""
+    near = {"first_range": (0.905, 0.915), "second_range": (0.5, 0.51)}
+    curve = ci.follow_curve(doubled(), second="a", **near)
+    (point,) = (point for point in curve.points if point.kind == "GPD")
+    ranges = (0.5, 1.6), (0.2, 0.9), (0.7, 0.81)
+    third = ci.follow_codim2(doubled(), point, second="a", third="r", ranges=ranges, detect=False)
+    assert {end.kind.name for end in third.ends} == {"SHORTER", "RANGE"}
+    (message,) = (end.message for end in third.ends if end.kind.name == "SHORTER")
+    assert message.startswith("became 1, run 2 times")
+    assert message.endswith("that place is not located")
+    assert min(third["r"]) == pytest.approx(0.717, abs=0.005)
+    assert third.missed == []
+
+
 @pytest.mark.full
 def test_an_orbit_at_rest_on_a_curve_of_doublings_has_no_multipliers():
     """C(mu) is singular for every mu at this PD-V: the row had -29.97, and one unstable."""
