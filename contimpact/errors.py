@@ -76,6 +76,11 @@ def short_repr(value: Any, longest: int = 60) -> str:
         return f"a {type(value).__name__} too long to show"
 
 
+def count_text(count: int, thing: str, things: str = "") -> str:
+    """Return a number of things in words: ``1 motion``, ``2 motions``."""
+    return f"{count} {thing if count == 1 else things or f'{thing}s'}"
+
+
 def shorten(text: str, longest: int = 60) -> str:
     """Return a text with its middle left out where it is too long."""
     if len(text) <= longest:

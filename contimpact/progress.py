@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TextIO, TypeVar
 
+from .errors import count_text
 from .storage import terminal_text
 
 Progress = Callable[[str], None]
@@ -80,7 +81,7 @@ def walk_progress(what: str, parameter: str, progress: Progress) -> Callable[[in
         nonlocal count
         count += points
         if count % EVERY < points:
-            where = f"{count} points, {parameter} = {value:.6g}"
+            where = f"{count_text(count, 'point')}, {parameter} = {value:.6g}"
             progress(f"{what}: {where}" if what else where)
 
     return tell

@@ -15,6 +15,7 @@ from zoo import scene_table
 
 import contimpact as ci
 from contimpact.display import LINES, Summary, limit_lines, picture_of, table_of
+from contimpact.errors import count_text
 from contimpact.results.options import Settling
 from contimpact.simulation.sweep import Row, Sweep
 
@@ -180,3 +181,20 @@ def test_the_path_of_an_orbit(results):
             atol=1e-12,
         )
         assert np.max(np.abs(exact.y - [x, v])) < 1e-8
+
+
+@pytest.mark.parametrize(
+    ("count", "said"),
+    [(0, "0 branches"), (1, "1 branch"), (2, "2 branches"), (1000, "1000 branches")],
+)
+def test_one_thing_is_not_several(count, said):
+    """A diagram of one branch had `1 branches`, a note on one motion `1 motions`."""
+    assert count_text(count, "branch", "branches") == said
+    assert count_text(count, "motion") == said.replace("branches", "motions").replace(
+        "branch", "motion"
+    )
+
+
+def test_a_diagram_of_one_branch_says_so(diagram):
+    alone = dataclasses.replace(diagram, branches=diagram.branches[:1])
+    assert repr(alone).split(": ")[1].startswith("1 branch, ")

@@ -13,7 +13,15 @@ from typing import Any, TypeVar
 import flint
 
 from .. import __version__
-from ..errors import DAMAGE, InputError, NotInstalledError, explain_arguments, printable, short_repr
+from ..errors import (
+    DAMAGE,
+    InputError,
+    NotInstalledError,
+    count_text,
+    explain_arguments,
+    printable,
+    short_repr,
+)
 from ..models.model import Model
 from ..orbits.problem import Linearisation
 from ..progress import Progress, ignore_progress
@@ -82,7 +90,7 @@ class Certificates:
         count = len(self.entries) - len(self.rejected)
         within = f", radii below {max(radii):.1e}" if radii else ""
         return [
-            f"{count} of {len(self.entries)} entries certified{within}",
+            f"{count} of {count_text(len(self.entries), 'entry', 'entries')} certified{within}",
             *([] if self.branches else ["no branch is looked at"]),
             *(f"  {c.id} rejected: {c.clause}: {c.found}" for c in self.rejected),
             *(line for c in self.branches for line in c.lines()),
@@ -365,7 +373,9 @@ class _Proof:
             self.orbits.kernels(branch)
         proven = []
         for number, entry in enumerate(entries, start=1):
-            self.progress(f"certifying {entry.id}, {number} of {len(entries)} entries")
+            self.progress(
+                f"certifying {entry.id}, {number} of {count_text(len(entries), 'entry', 'entries')}"
+            )
             proven.append(self._entry(entry))
         found = reject_repeated(entries, proven)
         known = {c.id: c for c in found}

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import InputError, require_known, short_repr
+from ..errors import InputError, count_text, require_known, short_repr
 from ..models.model import Model
 from ..progress import Progress, telling
 from ..results.branch import model_at
@@ -113,8 +113,9 @@ def catalogue(options: argparse.Namespace) -> int:
         files = write_merged(merged, folder)
     for source in merged["sources"]:
         _complain_of_end(source["folder"], source.get("interrupted"))
-    count, scenes = len(merged["entries"]), len(merged["sources"])
-    say(f"{count} entries of {scenes} scenes written to {folder}: {', '.join(files)}")
+    entries = count_text(len(merged["entries"]), "entry", "entries")
+    scenes = count_text(len(merged["sources"]), "scene")
+    say(f"{entries} of {scenes} written to {folder}: {', '.join(files)}")
     return 0
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..bifurcations.declarations import EVENTS
-from ..errors import InputError, NotWrittenError
+from ..errors import InputError, NotWrittenError, count_text
 from ..progress import Progress, telling
 from ..results.branch import Branch
 from ..results.catalogue import diagram_files
@@ -264,8 +264,8 @@ def say_branch(branch: Branch, derived: Sequence[str], ghosts: bool) -> None:
     """Print a branch with its ends and events, of which ghosts may be only counted."""
     values = branch[branch.parameter]
     say(
-        f"{branch.id}  {branch.notation:8} {len(branch)} points, {branch.parameter} from "
-        f"{values.min():.6g} to {values.max():.6g}"
+        f"{branch.id}  {branch.notation:8} {count_text(len(branch), 'point')}, "
+        f"{branch.parameter} from {values.min():.6g} to {values.max():.6g}"
     )
     for end in dict.fromkeys(end.message for end in branch.ends):
         say(f"      {end}")
@@ -389,11 +389,13 @@ def _report_simulation(result: Simulation, folder: Path) -> None:
         for line in transition.lines(result.scene.parameter):
             say(line)
     if wide := sum(t.wide is not None for t in result.transitions):
-        say(f"{wide} of {len(result.transitions)} brackets are wider than simulate.width")
+        brackets = count_text(len(result.transitions), "bracket")
+        say(f"{wide} of {brackets} {'is' if wide == 1 else 'are'} wider than simulate.width")
     for crisis in result.crises:
         say(f"  {crisis}")
     if result.coverage is not None:
-        say(f"{len(result.coverage.matches)} attractors lie on branches")
+        lie = count_text(len(result.coverage.matches), "attractor lies", "attractors lie")
+        say(f"{lie} on branches")
         for u in result.coverage.uncovered:
             say(f"  {u.count} of {u.notation} from {u.low:.6g} to {u.high:.6g}: {u.why}")
     for basin in result.basins:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, count_text
 from ..models.expressions import number
 from ..progress import telling
 from ..segments.compiling import mode
@@ -46,7 +46,7 @@ def study(options: argparse.Namespace) -> int:
         return 1
     announce(_summary(tally, options.output))
     if options.quiet and (lacking := _lacking(tally)):
-        complain(f"{asked.name}: of {tally.total} scenes {lacking}")
+        complain(f"{asked.name}: of {count_text(tally.total, 'scene')} {lacking}")
     return 0
 
 
@@ -61,7 +61,7 @@ def _workshop(options: argparse.Namespace) -> Workshop:
 
 
 def _summary(tally: Tally, store: str) -> str:
-    text = f"{tally.before + tally.done} of {tally.total} scenes in {store}"
+    text = f"{tally.before + tally.done} of {count_text(tally.total, 'scene')} in {store}"
     if lacking := _lacking(tally):
         text += f", {lacking}"
     if tally.done:
@@ -98,7 +98,7 @@ def export(options: argparse.Namespace) -> int:
         )
     if not options.quiet:
         for name, count in written.items():
-            say(f"{name}: {count} rows")
+            say(f"{name}: {count_text(count, 'row')}")
     return 0
 
 
@@ -177,7 +177,7 @@ def _describe(shown: Map) -> str:
         counts = collections.Counter(str(v) for v in shown.values[known])
         return ", ".join(f"{name} {count}" for name, count in counts.most_common())
     low, high = shown.values[known].min(), shown.values[known].max()
-    return f"{low:.6g} to {high:.6g} in {known.sum()} of {len(known)} scenes"
+    return f"{low:.6g} to {high:.6g} in {known.sum()} of {count_text(len(known), 'scene')}"
 
 
 def _compare_zeros(shown: Map) -> list[str]:

@@ -12,6 +12,7 @@ from typing import Any, Generic, Protocol, TypeAlias, TypeVar, overload
 import numpy as np
 
 from ..arrays import Array
+from ..errors import count_text
 from .settings import Settings
 
 # What a problem must provide whose solutions form the branch.
@@ -472,7 +473,7 @@ class Points(Sequence[Point]):
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
-        return f"<{len(self)} points>"
+        return f"<{count_text(len(self), 'point')}>"
 
     def with_more(self, points: Iterable[Point]) -> Points:
         """Return these points and some more, given in order of arclength, at their places."""

@@ -22,6 +22,7 @@ from ..bifurcations.grazing import G
 from ..bifurcations.kind import test_functions
 from ..continuation.branch import EndKind
 from ..continuation.walk import reraise_interruption
+from ..errors import count_text
 from ..models.guards import Word
 from ..models.model import Model
 from ..orbits.orbit import Orbit
@@ -534,7 +535,7 @@ class Divider:
             found[doubt.says].append(doubt)
         return [
             f"areas: {fixed}{says}, at {across} = {doubt.across:.9g}, {along} = {doubt.along:.9g}"
-            + f" and at {len(others)} other places" * bool(others)
+            + f" and at {count_text(len(others), 'other place')}" * bool(others)
             + ": name its kind in curves.kinds, or give curves.cover a larger number"
             for says, (doubt, *others) in found.items()
         ]

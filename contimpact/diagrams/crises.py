@@ -17,7 +17,7 @@ from ..bifurcations.extended_system import EPSILON
 from ..continuation.branch import End, EndKind, Event, Point, Points
 from ..continuation.settings import Settings
 from ..continuation.walk import reraise_interruption, walk
-from ..errors import InputError, explain_arguments
+from ..errors import InputError, count_text, explain_arguments
 from ..models.guards import Word
 from ..models.model import Model
 from ..orbits.orbit import Orbit
@@ -473,13 +473,13 @@ class CrisisCurve:
         first, second = self.names
         values = self.values[:, 1]
         head = (
-            f"Curve of {self.label} in ({first}, {second}), {len(self)} points, "
+            f"Curve of {self.label} in ({first}, {second}), {count_text(len(self), 'point')}, "
             f"{second} from {values.min():.9g} to {values.max():.9g}"
         )
         ends = [f"  end: {end.message}" for end in self.ends]
         left = int(np.sum(~self.physical))
         known = "  whether an attractor reaches it is known where it was located alone"
-        unphysical = [f"  not physical: {left} points"] if left else []
+        unphysical = [f"  not physical: {count_text(left, 'point')}"] if left else []
         return "\n".join([head, *ends, *unphysical, known])
 
 

@@ -28,7 +28,7 @@ from ..bifurcations.extended_system import CONVERGED, ExtendedSystem, Solution, 
 from ..bifurcations.kind import Change, Kind, kind_of
 from ..continuation.branch import Details, Event, Point
 from ..display import limit_lines
-from ..errors import InputError, explain_arguments, short_repr
+from ..errors import InputError, count_text, explain_arguments, short_repr
 from ..models.model import Model
 from ..orbits.orbit import Orbit
 from ..orbits.problem import Linearisation
@@ -256,7 +256,7 @@ def fill_margins(
         margins[row] = np.inf if found.nearest is None else found.nearest.distance
         events[row] = "" if found.nearest is None else found.nearest.label
         lost += found.notes
-    return [f"margins at {len(lost)} rows: the orbit is {lost[0]}"] if lost else []
+    return [f"margins at {count_text(len(lost), 'row')}: the orbit is {lost[0]}"] if lost else []
 
 
 class _Lost(NamedTuple):

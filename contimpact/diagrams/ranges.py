@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from ..display import NotebookResult, Summary, frame
-from ..errors import InputError, explain_arguments
+from ..errors import InputError, count_text, explain_arguments
 from ..models.guards import Word, is_rotation
 from ..models.model import Model
 from ..orbits.quiet import problem_in, problem_of
@@ -463,7 +463,8 @@ def _simulated(
         values = [row.value for row in hitting]
         largest = [row.attractor.fastest for row in hitting]
         found.append(Motion(shorten_names(names), None, low, high, len(rows), values, largest))
-    note = f"{lost} simulated motions on no branch had not settled; give [simulate] more periods"
+    motions_lost = count_text(lost, "simulated motion")
+    note = f"{motions_lost} on no branch had not settled; give [simulate] more periods"
     return found, [note] * (lost > 0)
 
 

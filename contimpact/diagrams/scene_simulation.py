@@ -16,6 +16,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..errors import count_text
 from ..progress import Progress, RememberedProgress, ignore_progress
 from ..results.catalogue import diagram_files
 from ..results.options import Settling, SimulateOptions
@@ -333,7 +334,7 @@ class _Director:
             simulator = self.simulators.at(value)
 
             def report(done: int, total: int, shown: str = shown) -> None:
-                self.progress(f"{shown}: {done} of {total} starts")
+                self.progress(f"{shown}: {done} of {count_text(total, 'start')}")
 
             shape, settling = (self.options.grid,) * 2, self.options.settling
             found = basins(simulator, shape=shape, settling=settling, known=known, callback=report)
@@ -369,8 +370,8 @@ def _notes_on_unsettled(sweep: Sweep) -> Iterator[str]:
         values = [row.value for row in rows if not row.attractor.settled]
         if values:
             yield (
-                f"{way}: {len(values)} of {len(rows)} motions did not settle, the first at "
-                f"{sweep.parameter} = {values[0]:.6g}; no attractor is known there: more "
+                f"{way}: {len(values)} of {count_text(len(rows), 'motion')} did not settle, the "
+                f"first at {sweep.parameter} = {values[0]:.6g}; no attractor is known there: more "
                 "simulate.periods or, for complex motion, simulate.impacts may tell it"
             )
 

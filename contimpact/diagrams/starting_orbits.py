@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..arrays import Array
-from ..errors import InputError, explain_arguments, random_generator, short_repr
+from ..errors import InputError, count_text, explain_arguments, random_generator, short_repr
 from ..models.guards import Word, graph, parse_word, repetitions
 from ..models.model import Model
 from ..orbits import search as orbits_search
@@ -110,15 +110,16 @@ class Settled(NamedTuple):
         Those without impacts are left out if orbits without impacts are followed (`quiet`).
         """
         told = [end for end in MotionEnd if end.value and not (quiet and end is MotionEnd.FLOWN)]
+        motions = count_text(self.motions, "motion")
         said = [
-            f"{self.ends[end]} of {self.motions} motions simulated at {place} {end.value}"
+            f"{self.ends[end]} of {motions} simulated at {place} {end.value}"
             for end in told
             if self.ends.get(end)
         ]
         if self.cut:
             said.append(
                 f"the simulation at {place} ended after {DEAR_STEPS} steps of integration and "
-                f"{self.motions} motions"
+                f"{motions}"
             )
         return said
 
@@ -332,7 +333,7 @@ class NotFound:
         """Where else nothing was found, in words."""
         if not self.tried:
             return "other values were left out, as flights take too many steps of integration"
-        values = "1 other value" if self.tried == 1 else f"{self.tried} other values"
+        values = count_text(self.tried, "other value")
         return f"nor at {values} within the range ({self.starts_elsewhere} random starts at each)"
 
     def as_record(self) -> dict[str, Json]:
@@ -343,7 +344,7 @@ class NotFound:
         return {"word": found.pop("word"), "period": self.word.period, **found}
 
     def __str__(self) -> str:
-        rounds = "1 round" if self.rounds == 1 else f"{self.rounds} rounds"
+        rounds = count_text(self.rounds, "round")
         what = f"physical {self.word}" if self.unphysical else str(self.word)
         return (
             f"no {what} orbit{self.but} was found at {self.parameter} = {self.value:.9g} "

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import sympy
 from sympy import Expr
 
-from ..errors import InputError, short_repr
+from ..errors import InputError, count_text, short_repr
 from .expressions import FUNCTIONS
 from .guards import AMBIGUOUS, Guard, Mode, Row, orders_of, pivot, rival_guards, state_before
 from .linear import Law
@@ -451,7 +451,7 @@ def _check_modes(formulas: Any, modes: Sequence[str], where: str) -> None:
             raise InputError(f"{where}: {name}", f"found {found or 'none'}", accepted)
     if modes and formulas.harmonics is not None:
         accepted = "leave them out: they are used in systems of one mode"
-        raise InputError(f"{where}: harmonics", f"{len(modes)} modes", accepted)
+        raise InputError(f"{where}: harmonics", f"{count_text(len(modes), 'mode')}", accepted)
 
 
 def _name_expressions(

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-from ..errors import InputError, explain_arguments, short_repr
+from ..errors import InputError, count_text, explain_arguments, short_repr
 
 FEW = 2
 """Guards of which impacts are counted; of more the counts hardly tell a word."""
@@ -372,7 +372,7 @@ def parse_word(
     if not walls or period < 1 or len(walls) > LONGEST_WORD:
         raise InputError(
             where,
-            f"{text!r} has {_count_text(len(walls), 'impact')} in {_count_text(period, 'period')}",
+            f"{text!r} has {count_text(len(walls), 'impact')} in {count_text(period, 'period')}",
             f"at least one impact and one period, at most {LONGEST_WORD} impacts",
         )
     if graph is not None and (pair := _forbidden_pair(walls, graph)) is not None:
@@ -398,7 +398,3 @@ def _forbidden_pair(walls: str, graph: Mapping[str, str]) -> tuple[str, str] | N
     """The first two letters of a word, run around, that cannot follow each other."""
     pairs = zip(walls, walls[1:] + walls[:1], strict=True)
     return next((pair for pair in pairs if pair[1] not in graph[pair[0]]), None)
-
-
-def _count_text(count: int, thing: str) -> str:
-    return f"{count} {thing}" if count == 1 else f"{count} {thing}s"

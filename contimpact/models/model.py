@@ -17,7 +17,15 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Never, Self, TypeAlias
 
-from ..errors import InputError, did_you_mean, explain_arguments, missing, require_whole, short_repr
+from ..errors import (
+    InputError,
+    count_text,
+    did_you_mean,
+    explain_arguments,
+    missing,
+    require_whole,
+    short_repr,
+)
 from .expressions import CONSTANTS, FUNCTIONS, check_expression, names_in, number, values_of
 from .guards import FEW, guard_of, orders_of, slides_at
 from .guards import Guard as Guard
@@ -94,7 +102,7 @@ def _check_graph(guard: Guard, modes: list[str], where: str) -> None:
         accepted = "give a Guard, or a wall for each mode: a Wall leads back to the mode it ends"
         raise InputError(where, found, accepted)
     if guard.to is None and len(guard.modes) != 1:
-        found = f"{guard.name!r} ends {len(guard.modes)} modes"
+        found = f"{guard.name!r} ends {count_text(len(guard.modes), 'mode')}"
         raise InputError(where, found, "say which mode it leads to")
 
 

@@ -13,7 +13,7 @@ from functools import lru_cache
 from random import Random
 from typing import Any, TypeAlias
 
-from ..errors import InputError, did_you_mean, require_known, short_repr
+from ..errors import InputError, count_text, did_you_mean, require_known, short_repr
 from .expressions import CONSTANTS, FUNCTIONS, check_expression, names_in, number
 from .machine import (
     MOST_COORDINATES,
@@ -277,7 +277,7 @@ def _mode(name: str, laws: Any, taken: Sequence[str]) -> StatedMode:
     mode = StatedMode(name, _texts(laws, where))
     if not 1 <= len(mode.laws) <= 2 * MOST_COORDINATES:
         accepted = f"give the rates of 1 to {2 * MOST_COORDINATES} variables"
-        raise InputError(where, f"found {len(mode.laws)} laws", accepted)
+        raise InputError(where, f"found {count_text(len(mode.laws), 'law')}", accepted)
     _check_names(mode.variables, where, taken)
     return mode
 

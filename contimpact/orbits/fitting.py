@@ -24,7 +24,14 @@ import numpy as np
 
 from ..arrays import Array
 from ..display import NotebookResult, Summary
-from ..errors import InputError, did_you_mean, explain_arguments, random_generator, short_repr
+from ..errors import (
+    InputError,
+    count_text,
+    did_you_mean,
+    explain_arguments,
+    random_generator,
+    short_repr,
+)
 from ..models.guards import Wall, Word
 from ..models.model import Model
 from ..schema import LARGEST_NUMBER
@@ -662,12 +669,14 @@ def _fit(task: _Task, point: _Point, reason: str | None, given: bool) -> Fit:
     laps = point.laps[task.present[:, 0]]
     timed = list(zip(point.impacts[task.present[:, 0]].tolist(), laps.tolist(), strict=True))
     if again := len(timed) - len(set(timed)):
-        notes.append(f"{again} rows have the impact and the period of another row")
+        notes.append(
+            f"{count_text(again, 'row has', 'rows have')} the impact and the period of another row"
+        )
     spread = math.sqrt(point.cost / freedom) if freedom and not given else 1.0
     if task.far.shape[1] > 1:
         near = np.sort(np.sqrt(task.far), axis=1) / max(spread, ROUNDED)
         if close := int(np.sum(near[:, 1] - near[:, 0] < AMBIGUOUS)):
-            notes.append(f"{close} of {len(near)} rows may belong to another impact")
+            notes.append(f"{close} of {count_text(len(near), 'row')} may belong to another impact")
     values = dict(zip(task.names, point.values.tolist(), strict=True))
     if CLOCK in values:
         values[CLOCK] %= point.orbit.period

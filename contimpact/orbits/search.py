@@ -25,7 +25,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ..errors import InputError, random_generator
+from ..errors import InputError, count_text, random_generator
 from ..models.guards import Word, graph, parse_word
 from ..models.model import Model, Symmetry
 from ..progress import Asked, Progress, ignore_progress, progress_lines
@@ -471,6 +471,10 @@ def _sort_orbits(orbits: Sequence[Orbit]) -> list[Orbit]:
     return sorted(orbits, key=lambda orbit: -float(orbit.velocities[0]))
 
 
+def _progress(found: Sequence[Any], made: int) -> str:
+    return f"{count_text(len(found), 'orbit')} after {count_text(made, 'round')}"
+
+
 def _search_rounds(
     problem: OrbitProblem,
     generator: np.random.Generator,
@@ -483,13 +487,13 @@ def _search_rounds(
     found: list[Orbit] = []
     known: list[Array] = []
     quiet = made = 0
-    tell(f"{starts} starts in a round")
+    tell(f"{count_text(starts, 'start')} in a round")
     while quiet < ROUNDS_IN_VAIN and made < rounds:
         count = min(ROUNDS_IN_VAIN - quiet, rounds - made)  # so many are made in any case
         for solutions in solve_rounds(problem, generator, starts, count, fitted):
             before, made = len(found), made + 1
             _add_new(found, known, problem, solutions)
-            tell(f"{len(found)} orbits after {made} rounds of {starts} starts")
+            tell(f"{_progress(found, made)} of {count_text(starts, 'start')}")
             quiet = quiet + 1 if len(found) == before else 0
     return Search(found, starts, quiet == ROUNDS_IN_VAIN)
 
@@ -515,7 +519,7 @@ def _without_impacts(
             if here is not None and not any(_is_near(here, one, units) for one in known):
                 known.append(here)
                 _add_quiet(found, here, units)
-        tell(f"{len(found)} orbits after {made} rounds of {QUIET_STARTS} starts")
+        tell(f"{_progress(found, made)} of {QUIET_STARTS} starts")
         quiet = quiet + 1 if len(found) == before else 0
     found.sort(key=lambda orbit: float(np.max(np.abs(orbit.unknowns[: problem.m] / units))))
     return Search(found, QUIET_STARTS, quiet == ROUNDS_IN_VAIN)

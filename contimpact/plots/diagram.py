@@ -26,7 +26,7 @@ from matplotlib.transforms import ScaledTranslation
 
 from ..bifurcations.kind import kind_of
 from ..display import draw_result
-from ..errors import InputError, explain_arguments, require_known, short_repr
+from ..errors import InputError, count_text, explain_arguments, require_known, short_repr
 from ..results.branch import Branch, Entry
 from ..results.diagram import Diagram, to_diagram
 from ..results.quantities import NO_IMPACT, NO_WALL, Quantity, numbers_of
@@ -417,7 +417,7 @@ def legend_handles(
         marker = kind_of(kind).look.marker
         handles.append(legend_mark(marker=marker, label=plain_text(kind), **mark))
     if left_out:
-        text = f"no room for {left_out} label{'s' if left_out > 1 else ''}"
+        text = f"no room for {count_text(left_out, 'label')}"
         handles.append(legend_mark(linestyle="none", label=text))
     if any(e.ghost for e in entries):
         hollow = legend_mark(marker=NEUTRAL, markerfacecolor="white", **mark)

@@ -17,7 +17,7 @@ from ..bifurcations.kind import Scenario, kind_of
 from ..bifurcations.requested import PERIOD
 from ..continuation.branch import End, EndKind, same_place
 from ..display import NotebookResult, ParameterItems, Summary, frame, limit_lines
-from ..errors import InputError, did_you_mean, printable, short_repr
+from ..errors import InputError, count_text, did_you_mean, printable, short_repr
 from ..models.guards import Word, name_orbit
 from ..models.model import Model
 from ..orbits.orbit import Orbit
@@ -740,7 +740,8 @@ class Branch(Columns):
     def _head(self) -> str:
         values = self[self.parameter]
         return (
-            f"Branch {self.id}: {name_orbit(self.notation, self.word)}, {len(self)} points, "
+            f"Branch {self.id}: {name_orbit(self.notation, self.word)}, "
+            f"{count_text(len(self), 'point')}, "
             f"{self.parameter} from {values.min():.9g} to {values.max():.9g}"
         )
 

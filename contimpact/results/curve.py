@@ -15,6 +15,7 @@ from ..bifurcations.declarations import CROSSINGS, REQUESTED
 from ..bifurcations.kind import kind_of
 from ..continuation.branch import End
 from ..display import Summary, limit_lines
+from ..errors import count_text
 from ..schema import attribute, documented
 from .branch import Columns
 
@@ -218,8 +219,9 @@ class Curve(Columns):
         last = self.parameters[-1]
         values = self[last]
         return (
-            f"Curve {self.id}: {self.label} in ({', '.join(self.parameters)}), {len(self)} points, "
-            f"{last} from {values.min():.9g} to {values.max():.9g}"
+            f"Curve {self.id}: {self.label} in ({', '.join(self.parameters)}), "
+            f"{count_text(len(self), 'point')}, {last} from "
+            f"{values.min():.9g} to {values.max():.9g}"
         )
 
     def __repr__(self) -> str:
@@ -299,8 +301,11 @@ class Coverage:
         return fixed_text(self.fixed)
 
     def __str__(self) -> str:
-        lines = " and ".join(f"{len(v)} lines at values of {n}" for n, v in self.lines.items())
-        told = f"{self.notation}: {self.entries} entries on {lines}, {self.started} curves started"
+        lines = " and ".join(
+            f"{count_text(len(v), 'line')} at values of {n}" for n, v in self.lines.items()
+        )
+        entries = count_text(self.entries, "entry", "entries")
+        told = f"{self.notation}: {entries} on {lines}, {count_text(self.started, 'curve')} started"
         told += f", {self.born} more at points of codimension two" if self.born else ""
         if self.switched:
             told += "; reached by switching alone, not searched for"

@@ -14,7 +14,7 @@ from ..bifurcations.kind import kind_of
 from ..bifurcations.requested import PERIOD
 from ..continuation.branch import Event, Point, Points
 from ..display import NotebookResult, Summary, frame, limit_lines
-from ..errors import InputError, short_repr
+from ..errors import InputError, count_text, short_repr
 from ..models.guards import state_before
 from ..models.model import Model
 from ..orbits.orbit import Orbit
@@ -247,8 +247,9 @@ class Diagram(NotebookResult):
         return [*self.curves, *self.codim2_curves]
 
     def _head(self) -> str:
-        counts = f"{len(self.branches)} branches, {len(self.entries)} events"
-        curves = f", {len(self.curves)} curves" if self.curves else ""
+        branches = count_text(len(self.branches), "branch", "branches")
+        counts = f"{branches}, {count_text(len(self.entries), 'event')}"
+        curves = f", {count_text(len(self.curves), 'curve')}" if self.curves else ""
         return f"Diagram {self.name}: {counts}{curves}"
 
     def __repr__(self) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..bifurcations.kind import kind_of
-from ..errors import InputError, short_repr
+from ..errors import InputError, count_text, short_repr
 from ..models.model import Model
 from ..models.outputs import Output, require_membranes
 from ..orbits.outputs import means_of
@@ -263,5 +263,6 @@ def fill_outputs(branch: Branch, outputs: Sequence[Output], model: Model) -> lis
         means = means_of(orbit.linearisation, outputs, orbit.model)
         for column, value in zip(columns, (v for mean in means for v in mean), strict=True):
             column[row] = value
-    note = f"outputs are missing at {lost} rows, whose orbits do not solve their equations"
+    rows = count_text(lost, "row")
+    note = f"outputs are missing at {rows}, whose orbits do not solve their equations"
     return [note] * bool(lost)

@@ -26,7 +26,14 @@ import numpy as np
 
 from ..arrays import Array
 from ..display import NotebookResult, Summary, frame
-from ..errors import InputError, explain_arguments, random_generator, require_whole, short_repr
+from ..errors import (
+    InputError,
+    count_text,
+    explain_arguments,
+    random_generator,
+    require_whole,
+    short_repr,
+)
 from ..models.model import Model
 from ..orbits.orbit import Orbit
 from ..orbits.search import solve_near
@@ -210,11 +217,13 @@ class BasinFractions(NotebookResult):
             for value, _, name, _, part, low, high, *_ in self.rows()
         ]
         columns = (self.parameter, "motion", "fraction", f"{100 * self.confidence:g} %")
-        return Summary(f"Basin fractions, {self.starts} starts at each value", columns, rows, [])
+        return Summary(
+            f"Basin fractions, {count_text(self.starts, 'start')} at each value", columns, rows, []
+        )
 
     def __repr__(self) -> str:
-        count = len(self.values)
-        head = f"Basin fractions of {self.starts} starts at {count} values of {self.parameter}"
+        starts, values = count_text(self.starts, "start"), count_text(len(self.values), "value")
+        head = f"Basin fractions of {starts} at {values} of {self.parameter}"
         parts = zip(self.motions, 100.0 * self.fractions.T, strict=True)
         lines = [f"  {name}: {part.min():.3g} to {part.max():.3g} %" for name, part in parts]
         return "\n".join([head, *lines, *(f"  {tipping}" for tipping in self.tippings)])
@@ -310,7 +319,7 @@ def basin_fractions(
         with progress_lines(progress, "basin_fractions") as report:
             for depth in range(refine + 1):
                 for value in given:
-                    report(f"{parameter} = {value:.9g}: {starts} starts")
+                    report(f"{parameter} = {value:.9g}: {count_text(starts, 'start')}")
                     counted[value] = _count(simulators.at(value), starts, box, settling, rng)
                 given = join().between() if depth < refine else []
     except KeyboardInterrupt:
@@ -480,7 +489,10 @@ class Integrity:
     orbit: Orbit = field(repr=False)
 
     def __repr__(self) -> str:
-        name, starts = f"Integrity of {self.orbit.notation}", f"; {self.starts} starts"
+        name, starts = (
+            f"Integrity of {self.orbit.notation}",
+            f"; {count_text(self.starts, 'start')}",
+        )
         if not self.bounded:
             return f"{name}: {self.distance:.6g} or more{starts}"
         changes = ", ".join(f"{value:+.4g}" for value in self.change)
@@ -660,7 +672,8 @@ class EscapeRate:
 
     def __repr__(self) -> str:
         low, high = self.interval
-        head = f"{self.escapes} of {self.motions} motions escape in {self.periods:.6g} periods"
+        motions = count_text(self.motions, "motion")
+        head = f"{self.escapes} of {motions} escape in {self.periods:.6g} periods"
         return f"{head}: {self.rate:.3g} per period ({low:.3g} to {high:.3g})"
 
 

@@ -27,7 +27,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..display import NotebookResult, Summary
-from ..errors import InputError, explain_arguments
+from ..errors import InputError, count_text, explain_arguments
 from ..orbits.orbit import Orbit
 from ..results.branch import Entry
 from ..results.diagram import to_orbit
@@ -180,7 +180,7 @@ class Manifold(NotebookResult):
         kind, points = "stable" if self.stable else "unstable", sum(map(len, self.pieces))
         place = f"{self.orbit.parameter} = {self.orbit.value:.9g}"
         head = f"{kind} manifold of {self.orbit.notation} at {place}"
-        return f"<{head}: {points} points, {len(self.pieces)} pieces>"
+        return f"<{head}: {count_text(points, 'point')}, {count_text(len(self.pieces), 'piece')}>"
 
 
 @explain_arguments

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..arrays import INTEGERS, VECTOR, Array, Vector
 from ..display import NotebookResult, ParameterItems, Summary, frame, limit_lines
-from ..errors import InputError
+from ..errors import InputError, count_text
 from ..models.guards import pivot, slides_at
 from ..models.model import Guard, Model
 from ..segments.compiling import CompiledProgram, load, mode, timed_plainly
@@ -160,7 +160,7 @@ class Run(ParameterItems, NotebookResult):
     def _head(self) -> str:
         count = int(np.count_nonzero(~self.released))
         spans = float(self.turns[-1] - self.turns[0]) + 1 if len(self) else 0
-        return f"Run of {count} impacts in {spans:.0f} periods: {self.outcome.value}"
+        return f"Run of {count_text(count, 'impact')} in {spans:.0f} periods: {self.outcome.value}"
 
     def __repr__(self) -> str:
         last = self._rows(slice(-5, None))

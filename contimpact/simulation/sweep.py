@@ -16,7 +16,14 @@ import numpy as np
 
 from ..arrays import Array
 from ..display import NotebookResult, ParameterItems, Summary, frame, limit_lines
-from ..errors import InputError, did_you_mean, explain_arguments, random_generator, short_repr
+from ..errors import (
+    InputError,
+    count_text,
+    did_you_mean,
+    explain_arguments,
+    random_generator,
+    short_repr,
+)
 from ..models.guards import Word, is_rotation
 from ..models.model import Model
 from ..orbits.orbit import Orbit
@@ -186,7 +193,7 @@ class Sweep(NotebookResult):
 
     def _head(self) -> str:
         cut = "; interrupted" if self.interrupted else ""
-        return f"Sweep in {self.parameter}, {len(self.rows)} attractors{cut}"
+        return f"Sweep in {self.parameter}, {count_text(len(self.rows), 'attractor')}{cut}"
 
 
 class Simulators:
@@ -481,8 +488,7 @@ class Basins(ParameterItems, NotebookResult):
         place = f"impacts on {self.wall}, velocities {low:.4g} to {high:.4g}"
         made = int(np.count_nonzero(self.labels >= 0))
         cut = f"; interrupted after {made}" if self.interrupted else ""
-        count = len(self.attractors)
-        named = f"{count} attractor{'s' if count != 1 else ''}"
+        named = count_text(len(self.attractors), "attractor")
         return f"Basins of {named}, {n} by {m} {place}{cut}"
 
     def __repr__(self) -> str:

@@ -35,7 +35,7 @@ import numpy as np
 
 from .. import __version__
 from ..diagrams.explore import follow
-from ..errors import InputError, explain_arguments
+from ..errors import InputError, count_text, explain_arguments
 from ..progress import Progress, ignore_progress
 from ..results.branch import Branch
 from ..results.diagram import INTERRUPTED, Diagram
@@ -500,7 +500,7 @@ class _Computation:
 
     def run(self) -> Tally:
         known = f", {self.tally.before} of them in the store" if self.tally.before else ""
-        self.announce(f"{self.tally.total} scenes{known}")
+        self.announce(f"{count_text(self.tally.total, 'scene')}{known}")
         if self.waiting:
             self.compute_all()
         self.tally.statuses = self.store.statuses(self.number)
@@ -635,7 +635,7 @@ class _Computation:
     def place(self) -> str:
         """How far it is."""
         tally = self.tally
-        text = f"{tally.before + tally.done} of {tally.total} scenes"
+        text = f"{tally.before + tally.done} of {count_text(tally.total, 'scene')}"
         return text + (f", {tally.failed} failed" if tally.failed else "")
 
     def estimate(self, each: float) -> None:
@@ -647,13 +647,15 @@ class _Computation:
         shown = "%H:%M" if left < 80000 else "%d %b %H:%M"
         until = time.strftime(shown, time.localtime(time.time() + left))
         self.announce(
-            f"estimate after {self.tally.done} scenes: {duration(self.tally.estimate)} for "
+            f"estimate after {count_text(self.tally.done, 'scene')}: "
+            f"{duration(self.tally.estimate)} for "
             f"{self.tally.done + self.tally.left}, until {until}"
         )
 
     def broken(self, why: str) -> WorkersLostError:
         tally = self.tally
-        found = f"lost, with {tally.before + tally.done} of {tally.total} scenes finished ({why})"
+        scenes = count_text(tally.total, "scene")
+        found = f"lost, with {tally.before + tally.done} of {scenes} finished ({why})"
         accepted = "mend it and start again: the study goes on where it stopped"
         return WorkersLostError(self.workshop.name, found, accepted)
 

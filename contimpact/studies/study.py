@@ -20,7 +20,7 @@ import numpy as np
 from ..arrays import Array
 from ..bifurcations.declarations import SWITCHES
 from ..display import NotebookResult, Summary, frame
-from ..errors import InputError, explain_arguments, require_known, short_repr
+from ..errors import InputError, count_text, explain_arguments, require_known, short_repr
 from ..models import expressions
 from ..models.guards import is_rotation
 from ..results.catalogue import branch_in
@@ -297,7 +297,7 @@ def shortfall(study: Study) -> str:
     ((total,),) = study.rows("SELECT scenes FROM studies WHERE study = ?", [study.number])
     counts["not computed"] = total - sum(counts.values())
     left = [f"{n} {what}" for what, n in counts.items() if n and what != "done"]
-    return f"of {total} scenes: {', '.join(left)}" if left else ""
+    return f"of {count_text(total, 'scene')}: {', '.join(left)}" if left else ""
 
 
 def _done(study: Study) -> Iterator[Any]:
@@ -395,7 +395,11 @@ class Study(NotebookResult):
             return found[0]
         names = ", ".join(repr(known) for known in studies(self.path))
         self.connection.close()
-        what = f"no study {name!r}" if name is not None else f"{len(found)} studies"
+        what = (
+            f"no study {name!r}"
+            if name is not None
+            else f"{count_text(len(found), 'study', 'studies')}"
+        )
         raise InputError(str(self.path), what, f"name one of {names or 'none'}")
 
     def __enter__(self) -> Study:
@@ -413,7 +417,7 @@ class Study(NotebookResult):
 
     def __repr__(self) -> str:
         axes = ", ".join(self.axes)
-        return f"<Study {self.name} over {axes}: {len(self)} of {self.total} scenes>"
+        return f"<Study {self.name} over {axes}: {len(self)} of {count_text(self.total, 'scene')}>"
 
     def __reduce__(self) -> tuple[Any, ...]:
         """The store is opened again, not sent along."""

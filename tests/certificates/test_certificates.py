@@ -531,7 +531,7 @@ def test_a_scene_is_run_and_certified(tmp_path, capsys):
     assert main(given) == 0
     said = capsys.readouterr().out
     assert "0.383143488 to 0.4 " in said
-    assert "1 of 1 entries certified" in said
+    assert "1 of 1 entry certified" in said
     assert "b1 BT/1T: complete" in said
     assert not (tmp_path / "out" / "diagram.png").exists()
     assert main([*given, "-q"]) == 0

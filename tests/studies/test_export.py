@@ -103,7 +103,7 @@ def test_a_store_without_a_study(tmp_path, capsys, command):
 def test_the_command_says_what_it_has_written(store, tmp_path, capsys):  # noqa: F811
     assert main(["export", str(store), "-o", str(tmp_path), "--study", "failed"]) == 0
     out = capsys.readouterr().out.splitlines()
-    assert out == ["failed-scenes.csv: 1 rows", "failed-failures.csv: 1 rows"]
+    assert out == ["failed-scenes.csv: 1 row", "failed-failures.csv: 1 row"]
 
 
 def test_what_cannot_be_written(store, tmp_path, capsys):  # noqa: F811
