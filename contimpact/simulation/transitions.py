@@ -589,7 +589,22 @@ def explain_transition(transition: Transition, diagram: Diagram, sweep: Sweep) -
     chosen = explains[:2] or _bounds(near, transition)
     role = "explains" if explains else "bounds"
     records = [Explanation(e.id, e.label, e.value, d, role) for d, e in chosen]
-    return replace(transition, explanations=tuple(records))
+    found = replace(transition, explanations=tuple(records))
+    return _named_by(found, explains[0][1]) if explains else found
+
+
+_NAMED = {"G": "G", "V": "G", "FB": "FB"}
+"""What changes from or to motion without impacts are called, by the entry that explains them."""
+
+
+def _named_by(transition: Transition, entry: Entry) -> Transition:
+    """A transition with the name of the entry that explains it, if it has none because motion
+    without impacts does not show what vanishes, or an orbit shows it too near to its end."""
+    kind, sides = _NAMED.get(entry.kind), (transition.before, transition.after)
+    if transition.kind or not kind or not any(s.kind == Kind.NO_IMPACT.value for s in sides):
+        return transition
+    label, evidence = f"{kind}[{transition.label}]", f"{entry.label} ({entry.id}) lies there"
+    return replace(transition, kind=kind, label=label, evidence=evidence)
 
 
 def _bounds(

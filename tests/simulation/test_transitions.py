@@ -10,13 +10,13 @@ import tomllib
 
 import numpy as np
 import pytest
-from zoo import scene_table
+from zoo import ROOT, scene_table
 
 from contimpact import continue_orbit
 from contimpact.diagrams.explore import follow
 from contimpact.orbits.search import find_orbits
 from contimpact.results.options import Settling
-from contimpact.results.scene import read_scene
+from contimpact.results.scene import load_scene, read_scene
 from contimpact.simulation.attractor import repetitions_of, solve_cycle
 from contimpact.simulation.run import State
 from contimpact.simulation.sweep import Row, Simulators, Sweep, cover, scene_fragment, sweep
@@ -355,3 +355,22 @@ def test_a_jump_to_another_motion_of_the_same_name_is_a_transition():
     fold = max(e.value for e in continue_orbit(orbit, range=(1.3, 1.9), events=["FB"]).events)
     assert change.label == "no impact->no impact"
     assert change.before.value < fold < change.after.value
+
+
+def test_changes_from_and_to_no_impacts_are_named_by_the_event_that_lies_there():
+    """They had no name, though the branches had the event; without branches they have none."""
+    stop = load_scene(ROOT / "branches" / "stop" / "scene.toml")
+    short = dataclasses.replace(stop, model=stop.model.replace(a=0.175), range=(0.05, 0.3))
+    diagram = follow(short)
+    for values, label, kind in (
+        ([0.09, 0.095, 0.11], "G[no impact->1]", "V"),
+        ([0.11, 0.095, 0.09], "FB[1->no impact]", "FB"),
+    ):
+        found = sweep(stop.model, "a", values, settling=QUICK)
+        (change,) = find_transitions(found, 1e-5, settling=QUICK, diagram=diagram)
+        (entry,) = (e for e in diagram.entries if e.kind == kind)
+        assert (change.label, change.kind) == (label, label.split("[")[0])
+        assert [one.entry for one in change.explanations] == [entry.id]
+        assert not any("no name" in line for line in change.lines("a"))
+        (change,) = find_transitions(found, 1e-5, settling=QUICK)
+        assert change.kind is None
