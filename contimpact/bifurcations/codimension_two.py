@@ -288,12 +288,18 @@ class SecondEigenvector(Resonance):
         return []
 
 
+NOT_STARTED = "; one of NS of the doubled orbits may begin here, and is not started"
+
+
 class Coincides(CurveTest):
     """Other multipliers of the bifurcating orbit are critical, too."""
 
     def __init__(self, kind: Kind, event: str) -> None:
         self.own, self.event, self.kind = kind, event, f"{kind.name}-{event}"
         self.changes = f"{kind.name} and {event} happen on the same orbit: their curves cross"
+        both = kind, kind_of(event)
+        if {one.multiplier for one in both} == {1.0, -1.0} and not any(k.crossing for k in both):
+            self.changes += NOT_STARTED
 
     def others(self, here: CurvePoint) -> Array:
         multipliers = here.orbit.multipliers

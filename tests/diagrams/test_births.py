@@ -242,6 +242,7 @@ def test_a_fold_flip_is_followed_in_a_third_parameter(masses):
         given = {"second": "m1", "third": "k2", "ranges": ranges}
         found.append(follow_codim2(entry, point, machine, **given))
         assert not found[-1].missed
+        assert "NS of the doubled orbits may begin here, and is not started" in point.changes
     one, other = found
     assert (one.kind, other.kind) == ("FB-PD", "PD-FB")
     multipliers = np.array([one[f"multiplier{i}_re"] for i in (1, 2, 3, 4)])
