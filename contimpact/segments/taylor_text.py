@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import ast
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from ..models.expressions import FUNCTIONS
@@ -35,6 +35,9 @@ CONSTANT, LINEAR, GENERAL = range(3)
 
 ALONG = "*"
 """The direction of second derivatives."""
+
+SUMS_AT_ONCE = 16
+"""Sums that a loop over orders makes, about as many as there are registers for numbers."""
 
 
 class Writer:
@@ -71,6 +74,8 @@ class Writer:
         self.stride = 0
         """Numbers of a vector: those of the state, and of all other rows."""
         self.helpers: dict[str, str] = {}
+        self.sums: list[str] = []
+        """Terms of the sums over orders, of two orders that add up to that under way."""
         self.rows = {
             side: [self.new_quantity(GENERAL) for _ in range(2 * d)] for side in self.sides
         }
@@ -222,18 +227,39 @@ class Writer:
         return self.product(a, self.function("recip", b))
 
     def summed(self, name: str, a: Quantity, b: Quantity) -> str:
-        """The call of a function that sums over orders: of a product; the same without the zeroth
-        order of the first series; and that with the orders as factors.
+        """A sum over orders: of a product; the same without the zeroth order of the first series
+        (rest); and that with the orders as factors (chained).
 
-        What is of the order under way comes last, so that no sum waits for one before."""
-        factor, last = "i * " * (name == "chained"), " + w[a] * w[STRIDE * k + b]"
-        self.helpers[name] = f"""def {name}(w, a, b, k):
-    s = 0.0
-    for i in range(1, k + 1):
-        s += {factor}(w[STRIDE * i + a] * w[STRIDE * (k - i) + b])
-    return s{last * (name == "product")}
-"""
-        return f"{name}(w, {a.place}, {b.place}, k)"
+        Only the last terms are of the order under way. Those before are summed for all quantities
+        at once, so that no sum waits for another; see `write_sums`."""
+        factor = "{} * " * (name == "chained")
+        self.sums.append(f"{factor.format('i')}(p[{a.place}] * q[{b.place}])")
+        last = f"{factor.format('k')}(r[{a.place}] * w[{b.place}])"
+        text = f"b{len(self.sums) - 1} + ({last} if k > 0 else 0.0)"
+        return f"({text} + w[{a.place}] * r[{b.place}])" if name == "product" else f"({text})"
+
+    def write_sums(self) -> None:
+        """Write the sums over the orders before that under way, at the head of each order."""
+        for first in range(0, len(self.sums), SUMS_AT_ONCE):
+            terms = self.sums[first : first + SUMS_AT_ONCE]
+            named = {f"b{first + n}": [term] for n, term in enumerate(terms)}
+            call = self.convolution(f"sums_{first}", named, "1, k")
+            self.each_order.insert(0, call)
+
+    def convolution(self, name: str, sums: Mapping[str, Sequence[str]], orders: str) -> str:
+        """Write a function that sums terms of two orders, p and q, that add up to that under way;
+        returns the line that calls it."""
+        self.helpers[name] = "\n".join(
+            [
+                f"def {name}(w, k):",
+                *(f"    {s} = 0.0" for s in sums),
+                f"    for i in range({orders}):",
+                "        p, q = tail(w, STRIDE * i), tail(w, STRIDE * (k - i))",
+                *(f"        {s} += {' + '.join(terms)}" for s, terms in sums.items()),
+                f"    return ({', '.join(sums)},)\n",
+            ]
+        )
+        return f"{', '.join(sums)}, = {name}(w, k)"
 
     # Elementary functions.
 
@@ -470,18 +496,8 @@ class Writer:
                     terms[side, j].append(self.on(side, own))
         found = {key: f"d{n}" for n, key in enumerate(keys) if sums[key]}
         if found:
-            name = f"varied_{i}"
-            self.helpers[name] = "\n".join(
-                [
-                    f"def {name}(w, k):",
-                    *(f"    {s} = 0.0" for s in found.values()),
-                    "    for i in range(k + 1):",
-                    "        p, q = tail(w, STRIDE * i), tail(w, STRIDE * (k - i))",
-                    *(f"        {s} += {' + '.join(sums[key])}" for key, s in found.items()),
-                    f"    return ({', '.join(found.values())},)\n",
-                ]
-            )
-            self.each_order.append(f"{', '.join(found.values())}, = {name}(w, k)")
+            terms_of = {d: sums[key] for key, d in found.items()}
+            self.each_order.append(self.convolution(f"varied_{i}", terms_of, "k + 1"))
         for side, j in keys:
             parts = [*([found[side, j]] if sums[side, j] else []), *terms[side, j]]
             place = self.varied[side, self.freedom + i] + j
@@ -573,6 +589,7 @@ class Writer:
     def loop(self, name: str, more: str, each: list[str], arrived: str, failed: str) -> str:
         """The text of a function that takes steps, with lines for each of them, and for when the
         flight has arrived, or does not."""
+        self.write_sums()
         sums, state = self.state, range(len(self.state))
         begun = [f"w[{i}] = 0.0" for i in state]
         for i in range(self.freedom):
