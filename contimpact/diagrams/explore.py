@@ -263,6 +263,7 @@ class _Explorer:
                 self.follow_births()
             self.note_left()
             self.note_settled()
+            self.note_values()
         except ENDING as error:
             self.failure = failure_of(error)
         if not self.runs and not self.failure and not elsewhere:
@@ -568,6 +569,15 @@ class _Explorer:
             elif self.first_step_known(start) is None:
                 text = f"the motion continues as {entry.becomes}, which was not followed"
                 self.note(entry, f"{text}: add {entry.kind} to follow.switch")
+
+    def note_values(self) -> None:
+        """Note requested values that no branch takes."""
+        requested = [e.requested for branch in self.branches for e in branch.events if e.requested]
+        for name, values in self.scene.values.items():
+            taken = [found[name] for found in requested if name in found]
+            missed = [f"{value:.9g}" for value in values if float(value) not in taken]
+            if missed:
+                self.notes.append(f"no branch takes {name} = {', '.join(missed)} (detect.values)")
 
     def not_found(self) -> list[NotFound]:
         """The words of which no orbit at the start was found, nor a branch that passes it."""

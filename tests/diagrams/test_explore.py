@@ -64,6 +64,20 @@ def limited(**follow_keys):
     return {limit.key: limit for limit in found.limits}, found
 
 
+def test_requested_values_that_no_branch_takes_are_said():
+    """Values within the range are hit; d is far below 3 in all of it."""
+    scene = small(**{"orbits": ["1:1"], "switch": [], "range": [0.3, 0.4]})
+    asked = {"s": [0.3, 0.35], "d": [0.2, 3.0]}
+    found = follow(dataclasses.replace(scene, values=asked, events=("UZ",)))
+    assert {tuple(e.requested.items()) for e in found.events} == {
+        (("s", 0.3),),
+        (("s", 0.35),),
+        (("d", 0.2),),
+    }
+    assert "no branch takes d = 3 (detect.values)" in found.statistics["notes"]
+    assert not any("no branch takes s" in note for note in found.statistics["notes"])
+
+
 @pytest.mark.full
 def test_orbits_that_max_branches_leaves_out_are_reported():
     """All words are looked for; what is found and not followed is named, with the word."""
