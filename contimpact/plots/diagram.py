@@ -428,8 +428,9 @@ def legend_handles(
 
 def style_marks(styles: Sequence[str]) -> list[Any]:
     """Return lines for those of `STYLES` that are in use."""
+    labels = dict(zip(STYLES, STYLES, strict=True)) | {"unknown": "status unknown"}
     return [
-        legend_mark(color="0.3", linestyle=STYLES[name], linewidth=WIDTHS[name], label=name)
+        legend_mark(color="0.3", linestyle=STYLES[name], linewidth=WIDTHS[name], label=labels[name])
         for name in STYLES
         if name in styles
     ]

@@ -150,7 +150,7 @@ def test_energy_has_the_styles_of_physical_orbits(simulation):
     assert {"stable", "unstable"} <= set(texts)
     assert "unphysical" not in texts
     drawn = {line._unscaled_dash_pattern for line in ax.lines if line.get_marker() == "None"}
-    assert len(drawn) == len({"stable", "unstable", "unknown"} & set(texts))
+    assert len(drawn) == len({"stable", "unstable", "status unknown"} & set(texts))
     assert not any("accumulate" in text for text in texts)
 
 
