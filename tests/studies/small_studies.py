@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -53,18 +54,17 @@ def study_given(name="small", count=2, **study):
 
 def contents(path):
     """All that is in a store of its scenes, but for times; rows in the order of their keys."""
-    connection = sqlite3.connect(path)
-    connection.row_factory = sqlite3.Row
-    names = dict(connection.execute("SELECT study, name FROM studies"))
-    held = {}
-    for table in ("scenes", *OF_SCENES):
-        rows = [dict(row) for row in connection.execute(f"SELECT * FROM {table}")]
-        for row in rows:
-            row["study"] = names[row["study"]]
-            row.pop("seconds", None)
-            row.pop("version", None)
-        held[table] = sorted(rows, key=lambda row: json.dumps(row, default=repr))
-    connection.close()
+    with contextlib.closing(sqlite3.connect(path)) as connection:  # a table may not be there yet
+        connection.row_factory = sqlite3.Row
+        names = dict(connection.execute("SELECT study, name FROM studies"))
+        held = {}
+        for table in ("scenes", *OF_SCENES):
+            rows = [dict(row) for row in connection.execute(f"SELECT * FROM {table}")]
+            for row in rows:
+                row["study"] = names[row["study"]]
+                row.pop("seconds", None)
+                row.pop("version", None)
+            held[table] = sorted(rows, key=lambda row: json.dumps(row, default=repr))
     return held
 
 
