@@ -249,15 +249,18 @@ class Automaton:
         acceleration = motion(state.phase, *state.section, 0.0, *self.values)[2]
         return self._rest(state, float(acceleration)) <= SHORT * self.period
 
+    @np.errstate(over="ignore", invalid="ignore")
     def next(self, state: State, fastest: float = math.inf) -> State | Outcome:
-        """Return the next impact or release, or why there is none; what is faster than `fastest`
-        runs away."""
+        """Return the next impact or release, or why there is none; what is faster than `fastest`,
+        or no finite number, runs away."""
         if self._accumulates(state):
             return Outcome.ACCUMULATING
         left = state.wall
         resting = False
         for number, (window, held) in enumerate(self._windows(state)):
             resting = held != 0
+            if isinstance(window, LinearWindow) and not window.speed <= fastest:
+                return Outcome.RUNAWAY
             if number == 0 and (self._beyond(window, left) or (not held and self.passes(state))):
                 return Outcome.BEYOND
             first = left if number == 0 else None

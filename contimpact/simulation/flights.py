@@ -438,6 +438,12 @@ class LinearWindow:
     begin: float
     length: float
 
+    @property
+    def speed(self) -> float:
+        """The largest velocity at the window's beginning."""
+        size = self.motion.shape.freedom
+        return float(np.max(np.abs(self.state[size : 2 * size])))
+
     def coordinate(self, guard: Guard) -> Coordinate:
         """Return how a guard's gap coordinate moves; times count from the window's beginning."""
         size = self.motion.shape.freedom

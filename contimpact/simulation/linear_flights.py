@@ -293,6 +293,7 @@ def fly_linear(
     width, law = flights.sizes[1], flights.law[wall]
     section, n, d = section_place(flights), flights.width[law], flights.sizes[0]
     velocity, period, piece = space[section], flights.clock[0], flights.piece[law]
+    fastest = space[section + 2 * d - 1]
     leave(wall, phase, flights.values, space)
     if is_beyond(flights, wall, law, space):
         return BEYOND, wall, 0.0
@@ -317,6 +318,9 @@ def fly_linear(
             apart = max(apart, abs(space[j] - space[begun + j]))
             size = max(size, abs(space[j]))
             space[begun + j] = space[j]
+        for j in range(d, 2 * d):
+            if not abs(space[j]) <= fastest:
+                return LEFT, wall, 0.0
         repeats = apart <= REPEATED * size
         if repeats:
             break
