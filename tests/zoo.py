@@ -277,3 +277,23 @@ def between_soft_stops(**parameters):
     }
     follow = {"parameter": "w", "range": [0.5, 2.0], "orbits": ["ABLR"]}
     return read_scene({"name": "between soft stops", "model": model, "follow": follow}).model
+
+
+ROCKING_BLOCK = {
+    "name": "rocking block",
+    "model": {
+        "system": "hybrid",
+        "period": "2*pi/w",
+        "parameters": {"b": 0.1, "w": 2.0, "r": 0.9},
+        "modes": {
+            "right": {"x": "v", "v": "x - 1 + b*cos(w*t)"},
+            "left": {"x": "v", "v": "x + 1 + b*cos(w*t)"},
+        },
+        "guards": {
+            "N": {"mode": "right", "within": "x >= 0", "to": "left", "set": {"v": "r*v"}},
+            "P": {"mode": "left", "within": "x <= 0", "to": "right", "set": {"v": "r*v"}},
+        },
+    },
+    "follow": {"parameter": "b", "range": [0.0, 1.0], "orbits": ["NP"]},
+}
+"""Hogan's slender rocking block; beyond |x| = 1 it falls over."""

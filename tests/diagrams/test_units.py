@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from zoo import ROCKING_BLOCK
 
 import contimpact as ci
 from contimpact.bifurcations.crisis import Connected, Connection
@@ -164,6 +165,18 @@ def test_orbits_are_restored_in_any_units_and_those_of_other_models_refused(word
     damaged = replace(event, parameters={**event.parameters, "c": 0.4 * rate})
     with pytest.raises(ci.InputError, match="no orbit of this model"):
         damaged.orbit()
+
+
+def test_orbits_whose_impacts_are_all_at_rest_on_walls_at_zero_are_restored():
+    """At the symmetric V of a rocking block x = 1 - cosh t + ... turns at the corner: there
+    b omega/(1 + omega^2) = tanh(pi/(2 omega)). Units taken from these impacts are rounding."""
+    model = read_scene(ROCKING_BLOCK).model.replace(b=2.0)
+    orbit = next(o for o in ci.find_orbits(model, "NP", parameter="b") if not o.physical)
+    branch = ci.continue_orbit(orbit, "b", (1.5, 2.0), events=["V"])
+    for event in branch.events:
+        assert event.value == pytest.approx(2.5 * np.tanh(np.pi / 4.0), rel=1e-13)
+        assert np.max(np.abs(event.orbit().velocities)) < 1e-14
+    assert branch.events
 
 
 @functools.cache

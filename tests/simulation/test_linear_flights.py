@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from event_driven import random_scene
-from zoo import TWO_MASSES
+from zoo import ROCKING_BLOCK, TWO_MASSES
 
 from contimpact.results.options import Settling
 from contimpact.results.scene import load_scene, read_scene
@@ -275,31 +275,11 @@ def test_derivatives_of_many_flights_are_those_of_each(simulators, name):
     assert np.nanmax(apart) < 1e-12
 
 
-TOPPLING = {
-    "name": "rocking block",
-    "model": {
-        "system": "hybrid",
-        "period": "2*pi/w",
-        "parameters": {"b": 0.1, "w": 2.0, "r": 0.9},
-        "modes": {
-            "right": {"x": "v", "v": "x - 1 + b*cos(w*t)"},
-            "left": {"x": "v", "v": "x + 1 + b*cos(w*t)"},
-        },
-        "guards": {
-            "N": {"mode": "right", "within": "x >= 0", "to": "left", "set": {"v": "r*v"}},
-            "P": {"mode": "left", "within": "x <= 0", "to": "right", "set": {"v": "r*v"}},
-        },
-    },
-    "follow": {"parameter": "b", "range": [0.0, 1.0], "orbits": ["NP"]},
-}
-"""Hogan's slender rocking block; beyond |x| = 1 it falls over."""
-
-
 @needs_llvmlite
 @pytest.mark.parametrize("w", [2.0, 0.005])
 def test_a_linear_motion_that_grows_without_bound_runs_away(w, plain_and_compiled):
     """Where a period amplifies more than floats hold, too; it meets no guard, but never settles."""
-    model = read_scene(TOPPLING).model.replace(w=w)
+    model = read_scene(ROCKING_BLOCK).model.replace(w=w)
     simulator = Simulator(model)
     start = simulator.state("P", 0.1, 20.0)
     for run in plain_and_compiled(lambda: simulator.run(start, impacts=200)):
@@ -311,7 +291,7 @@ def test_a_linear_motion_that_grows_without_bound_runs_away(w, plain_and_compile
 def test_a_block_that_rocks_returns_at_its_time():
     """x = 1 - cosh t + v sinh t, without forcing: the arrival at x = 0 is at tanh(t/2) = v, with
     the velocity -v."""
-    model = read_scene(TOPPLING).model.replace(b=0.0, w=0.005)
+    model = read_scene(ROCKING_BLOCK).model.replace(b=0.0, w=0.005)
     simulator = Simulator(model)
     run = simulator.run(simulator.state("P", 0.0, 0.5 / 0.9), impacts=1)
     assert run.times[0] == pytest.approx(2.0 * math.atanh(0.5), rel=1e-13)
