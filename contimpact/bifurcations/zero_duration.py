@@ -86,8 +86,8 @@ class ZeroDuration(ScalarTest):
         gradient[i] -= 1.0
         gradient[j % n] += 1.0 if j < n else problem.closing(1.0, 0.0)
         if j == n:
-            slope = problem.kernels.setup(*problem.values(z)).slopes[0]
-            gradient[n] = problem.word.period * slope
+            slopes = problem.kernels.setup(*problem.values(z)).slopes
+            gradient[n:] = problem.word.period * np.array(slopes)
         return gradient
 
     def locate(

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from zoo import ROOT, between_soft_stops
+from zoo import ROCKING_BLOCK, ROOT, between_soft_stops
 
 from contimpact.continuation.branch import EndKind
 from contimpact.diagrams import curves
@@ -743,6 +743,22 @@ def test_a_doubling_whose_contact_ends_at_rest_is_no_turning_point_but_a_pd_v():
     assert stops.error < 1e-6
     # where the velocity vanishes by the line through points at 2.7e-8 and -2.3e-7
     assert places["PD-V"] == pytest.approx(0.67243575, abs=stops.error + 1e-8)
+
+
+@pytest.mark.full
+def test_a_contact_over_the_end_of_the_period_vanishes_where_the_other_does():
+    """A block rests upright and touches the other corner, x = 1 - cos(w t), where b = 1 + w**2. Of
+    the twins one contact is the flight that ends in the next period, which w changes."""
+    model = read_scene(ROCKING_BLOCK).model.replace(b=9.0, w=3.0)
+    orbits = [o for o in find_orbits(model, "NP", parameter="b") if min(o.velocities) > -0.5]
+    assert len(orbits) == 2
+    for orbit in orbits:
+        branch = continue_orbit(orbit, "b", (8.5, 10.5), events=["V"])
+        (event,) = branch.events
+        assert event.value == pytest.approx(10.0, rel=1e-13)
+        curve = follow_curve(event, model, "w", (1.0, 12.0), (2.0, 5.0))
+        assert [end.kind for end in curve.ends] == [EndKind.RANGE] * 2
+        assert curve["b"] == pytest.approx(1.0 + curve["w"] ** 2, rel=1e-12)
 
 
 @pytest.mark.full
