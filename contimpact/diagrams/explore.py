@@ -131,7 +131,10 @@ def _add_part(
     try:
         return add(scene, diagram, tell)
     except ENDING as error:
-        return replace(diagram, statistics={**diagram.statistics, "failure": failure_of(error)})
+        return replace(
+            diagram,
+            statistics={**diagram.statistics, "failure": failure_of(error, diagram.branches)},
+        )
 
 
 def _add_crises(scene: Scene, diagram: Diagram, tell: RememberedProgress) -> Diagram:
@@ -141,7 +144,7 @@ def _add_crises(scene: Scene, diagram: Diagram, tell: RememberedProgress) -> Dia
     try:
         locate_in_scene(scene, diagram, crises, tell)
     except ENDING as error:
-        cut_short = {**diagram.statistics, "failure": failure_of(error)}
+        cut_short = {**diagram.statistics, "failure": failure_of(error, diagram.branches)}
         diagram = replace(diagram, statistics=cut_short)
     return add_crises(diagram, crises)
 
@@ -192,7 +195,7 @@ def _with_columns(scene: Scene, diagram: Diagram, tell: RememberedProgress) -> D
                 found[number] = replace(branch, notes=[*branch.notes, *fill[what](branch)])
                 del left[0]
         except ENDING as error:
-            cut_short = {**diagram.statistics, "failure": failure_of(error)}
+            cut_short = {**diagram.statistics, "failure": failure_of(error, diagram.branches)}
             diagram = _stopped_at(replace(diagram, statistics=cut_short), tell.last)
     for what, number in left:
         note = f"{what} are missing: the run ended before all were computed"
@@ -265,7 +268,7 @@ class _Explorer:
             self.note_settled()
             self.note_values()
         except ENDING as error:
-            self.failure = failure_of(error)
+            self.failure = failure_of(error, self.runs)
         if not self.runs and not self.failure and not elsewhere:
             raise refusal(list(self.lacking.values()), self.settled)
         return Diagram(

@@ -427,7 +427,7 @@ class _CurveExplorer:
             if options.third:
                 self.follow_points(*options.third)
         except ENDING as error:
-            failure = failure_of(error)
+            failure = failure_of(error, self.branches)
         statistics = dict(self.diagram.statistics)
         seconds = statistics.get("seconds", {})
         statistics["seconds"] = seconds | {"curves": time.perf_counter() - began}
@@ -770,7 +770,7 @@ def add_areas(scene: Scene, diagram: Diagram, progress: Progress | None = None) 
             areas += found
             notes += told
     except ENDING as error:
-        failure = failure_of(error)
+        failure = failure_of(error, diagram.branches)
     statistics = dict(diagram.statistics)
     statistics["seconds"] = statistics["seconds"] | {"areas": time.perf_counter() - began}
     statistics["notes"] = [*statistics["notes"], *notes]

@@ -290,16 +290,18 @@ ENDING = KeyboardInterrupt, Exception
 NUMERICAL = ArithmeticError, np.linalg.LinAlgError
 
 
-def failure_of(error: BaseException) -> str:
+def failure_of(error: BaseException, kept: Sequence[Any]) -> str:
     """Return what is said of a computation that one of `ENDING` has ended.
 
-    Input that cannot be used, and a package that is missing, are raised again. Of anything but
-    numerical failures the traceback is logged.
+    Input that cannot be used, and a package that is missing, are raised again unless something is
+    kept. Of other errors but numerical failures the traceback is logged.
     """
-    if isinstance(error, (InputError, ImportError)):
-        raise error
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED
+    if isinstance(error, (InputError, ImportError)):
+        if not kept:
+            raise error
+        return f"the computation failed ({error})"
     if not isinstance(error, NUMERICAL):
         logger(__name__).error("this error is not expected; please report it", exc_info=error)
     return f"the computation failed ({type(error).__name__}: {error})"

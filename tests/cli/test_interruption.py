@@ -15,6 +15,7 @@ from contimpact.continuation.settings import Settings
 from contimpact.diagrams import explore
 from contimpact.diagrams.crisis_location import NoCrisis
 from contimpact.diagrams.orbit_walks import Run
+from contimpact.errors import InputError
 from contimpact.results.diagram_reading import read
 
 RANGE = (0.3, 0.4)
@@ -295,9 +296,13 @@ def test_an_interruption_while_modules_are_imported_keeps_the_branches(module, a
     assert [branch.notation for branch in diagram.branches] == ["1:1", "1:1"]
 
 
-def test_a_failure_in_the_search_for_crises_keeps_the_branches(monkeypatch):
+FAILURES = [FloatingPointError("0/0"), InputError("entry", "of 0/0", "another"), ImportError("0/0")]
+
+
+@pytest.mark.parametrize("error", FAILURES, ids=lambda error: type(error).__name__)
+def test_a_failure_in_the_search_for_crises_keeps_the_branches(monkeypatch, error):
     def failing(*given):
-        raise FloatingPointError("0/0")
+        raise error
 
     monkeypatch.setattr("contimpact.diagrams.crises.locate_in_scene", failing)
     detect = {**SCENE["detect"], "crises": True}
