@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -43,6 +44,9 @@ if TYPE_CHECKING:
 
 Rounding: TypeAlias = Callable[[float], float]
 """Returns a bound of a function's rounding error at a time."""
+
+Turns: TypeAlias = Callable[[Array], list[float]]
+"""Returns those of some times between which the velocity is seen to change its sign."""
 
 _DEGREES = (16, 32, 64)
 
@@ -140,6 +144,7 @@ def chebyshev_zeros(
     length: float,
     cuts: int = CUTS,
     rounding: Rounding | None = None,
+    turns: Turns | None = None,
 ) -> list[float]:
     """Return the zeros in (0, length) of a smooth function, from its Chebyshev interpolant.
 
@@ -147,9 +152,10 @@ def chebyshev_zeros(
     larger; a function that is not resolved by the highest degree is cut in halves. A zero at a cut
     may be returned twice, but is not lost. A piece that is still not resolved after all cuts is
     rounding alone: its sign changes on a mesh are returned. Where `rounding` is given, a bound of
-    the function's rounding error at a time, a piece with no larger values has no zeros.
+    the function's rounding error at a time, a piece with no larger values has no zeros but those
+    that `turns` tells: however small, an acceleration turns a motion in a long time.
     """
-    pieces = zeros_in_turn(function, length, cuts=cuts, fastest=0, rounding=rounding)
+    pieces = zeros_in_turn(function, length, cuts=cuts, fastest=0, rounding=rounding, turns=turns)
     return [zero for piece in pieces for zero in piece]
 
 
@@ -161,20 +167,21 @@ def zeros_in_turn(
     cuts: int = CUTS,
     fastest: int = FASTEST,
     rounding: Rounding | None = None,
+    turns: Turns | None = None,
 ) -> Iterator[list[float]]:
     """Yield the same piece by piece, in order, each found when it is asked for.
 
     ``passed(begin, length)`` says whether zeros in a piece that would have to be cut do not matter,
     counted from `begin` as the function's zero; its ends are returned in their place. A piece that
     is not resolved after `cuts` is cut on as long as one of its halves is, or some part of it that
-    takes `fastest` more, at most: in it something decays or oscillates fast. For the function's
-    rounding see `chebyshev_zeros`.
+    takes `fastest` more, at most: in it something decays or oscillates fast. For `rounding` and
+    `turns` see `chebyshev_zeros`.
     """
     found = _zeros_of_interpolant(function, length)
     if found is None and passed(begin, length):
         found = [0.0, length]
     if found is None and rounding and cuts % _EVERY == 0 and _vanishes(function, length, rounding):
-        found = []
+        found = turns(chebyshev_nodes(_DEGREES[0] + 1, length)) if turns else []
     if found is None and cuts <= 0 and _is_rounding(function, length, cuts + fastest):
         found = _mesh_zeros(function, length)
     if found is not None:
@@ -182,9 +189,10 @@ def zeros_in_turn(
         return
     half = 0.5 * length
     limits = cuts - 1, fastest
-    yield from zeros_in_turn(function, half, passed, begin, *limits, rounding)
+    yield from zeros_in_turn(function, half, passed, begin, *limits, rounding, turns)
     late = rounding and (lambda t: rounding(half + t))
-    later = passed, begin + half, *limits, late
+    turned = turns and (lambda times: [t - half for t in turns(half + times)])
+    later = passed, begin + half, *limits, late, turned
     for piece in zeros_in_turn(lambda t: function(half + t), half, *later):
         yield [half + zero for zero in piece]
 
@@ -202,6 +210,7 @@ def breaks_of(
         lambda dt: vectorised(*head, begin + dt, *values)[2],
         length,
         rounding=rounding_along(kernel, head, values, begin),
+        turns=turns_along(kernel, head, values, begin),
     )
 
 
@@ -216,6 +225,32 @@ def rounding_along(
         return float(bounds_of_kernel(kernel, [*head, begin + dt, *values])[1][2])
 
     return rounding
+
+
+def turns_along(
+    kernel: Kernel,
+    head: Sequence[float],
+    values: Sequence[float],
+    begin: float = 0.0,
+    direction: float = 1.0,
+) -> Turns:
+    """Return what tells between which times a velocity, a kernel's second result, changes its sign:
+    the first and the last at which it is not rounding, and those around each change."""
+
+    def turns(times: Array) -> list[float]:
+        from .bounded import bounds_of_kernel
+
+        moving = []
+        for dt in sorted(times.tolist()):
+            found, bounds = bounds_of_kernel(kernel, [*head, begin + direction * dt, *values])
+            if abs(found[1]) > bounds[1]:
+                moving.append((dt, found[1] > 0.0))
+        sides = [
+            t for one, other in pairwise(moving) if one[1] != other[1] for t, _ in (one, other)
+        ]
+        return sorted({moving[0][0], *sides, moving[-1][0]}) if moving else []
+
+    return turns
 
 
 def _vanishes(function: Callable[[Array], Array], length: float, rounding: Rounding) -> bool:

@@ -22,6 +22,7 @@ from ..segments.flight import (
     first_arrival,
     first_hit,
     rounding_along,
+    turns_along,
     zeros_in_turn,
 )
 from ..segments.integration import StepLimitError
@@ -383,8 +384,12 @@ class FlightInState:
             return keeps_clear(x, body.low[wall], body.high[wall])
 
         least = self._release(body, wall, head[-1]) if window == 0 else 0.0
-        rounding = rounding_along(self.motions[wall], head, values, start)
-        for zeros in zeros_in_turn(lambda dt: motion(dt)[2], period, clear, rounding=rounding):
+        way = self.motions[wall], head, values, start
+        rounding, turns = rounding_along(*way), turns_along(*way)
+        pieces = zeros_in_turn(
+            lambda dt: motion(dt)[2], period, clear, rounding=rounding, turns=turns
+        )
+        for zeros in pieces:
             inside = [start + t for t in zeros if least < t < period]
             if inside:
                 yield inside

@@ -31,7 +31,7 @@ from ..errors import InputError, count_text, explain_arguments
 from ..orbits.orbit import Orbit
 from ..results.branch import Entry
 from ..results.diagram import to_orbit
-from ..segments.flight import chebyshev_zeros, first_arrival, rounding_along
+from ..segments.flight import chebyshev_zeros, first_arrival, rounding_along, turns_along
 from ..segments.kernel import Family
 from ..segments.segment import ARRAYS, evaluate_in
 from .one_coordinate import OneCoordinate
@@ -362,6 +362,7 @@ class Grower:
             lambda dt: vectorised(phase, left, -dt, *values)[2],
             length,
             rounding=lambda dt: bound(-dt),
+            turns=turns_along(kernel, (phase, left), values, direction=-1.0),
         )
         return [*found, length]
 

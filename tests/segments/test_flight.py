@@ -15,6 +15,7 @@ from zoo import unknowns_of
 from contimpact.models.model import Wall
 from contimpact.orbits.search import find_orbits
 from contimpact.orbits.status import findings, verdict_of
+from contimpact.results.branch import orbit_with
 from contimpact.segments import flight as module
 from contimpact.segments.flight import (
     FlightGaps,
@@ -26,6 +27,7 @@ from contimpact.segments.flight import (
     time_zeros,
 )
 from contimpact.segments.segment import ARRAYS, evaluate_in
+from contimpact.systems.oscillator import Oscillator
 
 WALLS = (Wall("B", side=+1), Wall("T", side=-1))
 MESH = 4001
@@ -182,6 +184,18 @@ def test_rounding_alone_has_no_zeros_and_fast_oscillation_keeps_its_own():
     early = np.unique(np.round([t for t in kept if t < 0.51], 9))
     assert early == pytest.approx((2 * np.arange(10) + 1) * np.pi / 120.0, abs=1e-8)
     assert len(kept) < 1000
+
+
+def test_a_slow_forcing_turns_a_flight_by_accelerations_that_are_rounding():
+    """Critically damped, x = cos(omega t) to 2 omega but for the first moments after the impact at
+    0.3: the flight passes the stop by 0.7 although no acceleration after them is above rounding."""
+    omega = 1e-8
+    model = Oscillator(a=1.0, omega=omega, c=2.0, k=1.0, sigma=0.3, r=0.7)
+    angle = 2.0 * np.pi - np.arccos(0.3)
+    impact = np.array([angle / omega, -omega * np.sin(angle), omega])
+    orbit = orbit_with(model, ("S", 1), "omega", impact)
+    assert orbit.smallest_gap == pytest.approx(-0.7, abs=1e-7)
+    assert not orbit.physical
 
 
 def test_chebyshev_zeros_in_halves(monkeypatch):
