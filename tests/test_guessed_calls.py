@@ -50,6 +50,14 @@ def test_a_model_gives_the_values_of_its_parameters(model):
         model["q"]
 
 
+@pytest.mark.parametrize("function", ["o.multipliers[0]", "'x'", "o.velocities"])
+def test_an_event_of_ones_own_is_one_real_number(function, branch):
+    """A multiplier is complex: its real part is asked for, and not taken by chance."""
+    own = ("own", eval(f"lambda o: {function}"))
+    with pytest.raises(InputError, match="event own: its function returned"):
+        ci.continue_orbit(branch.orbit(0), "s", (0.3, 0.6), events=[own])
+
+
 def test_an_event_is_found_by_its_kind(branch):
     diagram = ci.Diagram("one", [branch])
     assert diagram["PD"] is diagram["PD1"] is branch.events[1]

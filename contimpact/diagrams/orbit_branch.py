@@ -143,10 +143,10 @@ def _user_test(given: UserEvent) -> TestFunction:
     kind, function = given
 
     def value(point: Point) -> float:
-        found = np.asarray(function(Orbit(point.evaluation.problem, point.evaluation)), dtype=float)
-        if found.size != 1:
+        found = np.asarray(function(Orbit(point.evaluation.problem, point.evaluation)))
+        if found.size != 1 or found.dtype.kind in "cSU":
             raise InputError(
-                f"event {kind}", f"its function returned {found!r}", "return one number"
+                f"event {kind}", f"its function returned {found!r}", "return one real number"
             )
         return float(found.reshape(()))
 
