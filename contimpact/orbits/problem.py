@@ -402,8 +402,7 @@ class Linearisation:
     @functools.cached_property
     def verdict(self) -> Verdict:
         """Whether the orbit is physical, and if not why and where."""
-        problem = self.problem
-        return verdict_of(self.findings, problem.word.walls, problem.model.WALLS)
+        return self._verdict_of(self.findings)
 
     def judge(
         self,
@@ -411,8 +410,14 @@ class Linearisation:
         forgive_impacts: Collection[int] = (),
     ) -> Verdict:
         """As `verdict`, with touches or impacts forgiven; see `physicality.findings`."""
-        found = findings(*self._flights(), forgive_touches, forgive_impacts)
-        return verdict_of(found, self.problem.word.walls, self.problem.model.WALLS)
+        return self._verdict_of(findings(*self._flights(), forgive_touches, forgive_impacts))
+
+    def _verdict_of(self, found: Sequence[float]) -> Verdict:
+        """What was found, as an object; free periods begin with the first passage."""
+        problem = self.problem
+        word = problem.word.walls
+        first = float(self.unknowns[0]) if problem.autonomous and word else 0.0
+        return verdict_of(found, word, problem.model.WALLS, first)
 
     @property
     def resting(self) -> list[int]:

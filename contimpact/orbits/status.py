@@ -438,9 +438,11 @@ def findings(
     return verdict(walls, sides, durations, nearest, times, velocities)
 
 
-def verdict_of(found: Sequence[float], word: str, named: Sequence[Guard]) -> Verdict:
-    """Return what `verdict` found as an object."""
-    return Verdict(found[0] == PHYSICAL, reason_of(found, word, named), found[5])
+def verdict_of(
+    found: Sequence[float], word: str, named: Sequence[Guard], first: float = 0.0
+) -> Verdict:
+    """Return what `verdict` found as an object; for `first` see `reason_of`."""
+    return Verdict(found[0] == PHYSICAL, reason_of(found, word, named, first), found[5])
 
 
 PHYSICAL, OUT_OF_ORDER, PASSES, WRONG_WAY = 0, 1, 2, 3
@@ -493,10 +495,10 @@ def verdict(
     return what, place, wall, amount, when, smallest if smallest < math.inf else math.nan
 
 
-def reason_of(found: Vector, word: str, named: Sequence[Guard]) -> str | None:
+def reason_of(found: Vector, word: str, named: Sequence[Guard], first: float = 0.0) -> str | None:
     """Return what `verdict` found as a sentence; None where the orbit is physical.
 
-    Impacts and flights are counted from 1, as in columns and on the page.
+    Impacts and flights are counted from 1, as in columns and on the page, and times from `first`.
     """
     if found[0] == PHYSICAL:
         return None
@@ -513,5 +515,5 @@ def reason_of(found: Vector, word: str, named: Sequence[Guard]) -> str | None:
         name = named[wall].name
         return f"{flight} goes through where it would slide, {amount:.6g} within {name}"
     if what == PASSES:
-        return f"{flight} passes wall {named[wall].name} by {amount:.6g} at t = {when:.6g}"
+        return f"{flight} passes wall {named[wall].name} by {amount:.6g} at t = {when - first:.6g}"
     return f"impact {k + 1} on wall {word[k]} runs the wrong way: velocity {amount:.6g}"

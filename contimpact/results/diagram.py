@@ -581,8 +581,9 @@ def _columns(points: Points) -> dict[str, Array]:
     columns["physical"] = physical.astype(np.int64)
     word, named = problem.word.walls, problem.model.WALLS
     reasons = columns["reason"] = np.full(len(findings), "", dtype=object)
+    first = -columns[PERIOD] if problem.autonomous and word else np.zeros(len(findings))
     for row in np.nonzero(~physical)[0]:
-        reasons[row] = reason_of(findings[row].tolist(), word, named) or ""
+        reasons[row] = reason_of(findings[row].tolist(), word, named, first[row]) or ""
     columns["smallest_gap"] = findings[:, -1].copy()
     columns["residual"] = summary.largest_residual.copy()
     columns["iterations"] = points.iterations

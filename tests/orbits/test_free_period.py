@@ -271,6 +271,22 @@ def test_a_system_is_seen_once_to_have_no_forcing(monkeypatch):
     assert len(looked) == 4
 
 
+def test_a_reason_has_the_clock_of_the_impacts():
+    """The free flight x = exp(t/20) (cos wt + b sin wt) from the right stop turns behind the left
+    one, at a time since the impact, as those of the impacts are told."""
+    stops = {"sigma_R": 1.0, "sigma_L": 0.5}
+    values = {name: VALUES[name] for name in ("a", "omega", "c", "k", "r")}
+    model = ci.TwoStops(**values, **stops, period="free")
+    (orbit,) = ci.find_orbits(model, "R", parameter="c")
+    rate = math.sqrt(1.0 - 0.05**2)
+    b = (-0.8 * orbit.velocities[0] - 0.05) / rate
+    when = (math.pi + math.atan2(0.05 + b * rate, rate - 0.05 * b)) / rate
+    branch = ci.continue_orbit(orbit, "c", (-0.11, -0.09), events=[])
+    row = int(np.argmin(np.abs(branch["c"] + 0.1)))
+    for reason in (orbit.reason, branch["reason"][row], branch.orbit(row).reason):
+        assert reason.endswith(f"at t = {when:.6g}")
+
+
 def test_words_have_no_period():
     assert parse_word("2:1", "BT", free=True) == Word("BBT", 0)
     assert parse_word("0", "BT", free=True) == Word("", 0)
