@@ -98,11 +98,12 @@ class Nonlinear:
         The acceleration of each coordinate, from time, positions and velocities; smooth, and of the
         system's period in t.
     degrees_of_freedom : int
+        How many coordinates there are.
 
     Raises
     ------
     InputError
-        If it does not give an acceleration for each coordinate.
+        If it does not give an acceleration for each coordinate, or uses others.
     """
 
     def __init__(
@@ -112,9 +113,13 @@ class Nonlinear:
     ) -> None:
         self.force = force
         t, *state = state_symbols(degrees_of_freedom)
-        given = list(force(t, state[:degrees_of_freedom], state[degrees_of_freedom:]))
+        accepted = f"give one for each degree of freedom: {degrees_of_freedom}"
+        try:
+            given = list(force(t, state[:degrees_of_freedom], state[degrees_of_freedom:]))
+        except IndexError:
+            accepted += ", or another number as degrees_of_freedom="
+            raise InputError("acceleration", "it uses a further coordinate", accepted) from None
         if len(given) != degrees_of_freedom:
-            accepted = f"give one for each degree of freedom: {degrees_of_freedom}"
             raise InputError("acceleration", f"found {len(given)}", accepted)
         self.field = Field([sympy.sympify(e) for e in given])
 
@@ -152,8 +157,16 @@ class Motion:
 
     A law of first order is that of second order :math:`\ddot x_i = \dot f_i` which begins with
     :math:`\dot x_i = f_i`. Flights are in closed form where all laws are linear with constant
-    factors under harmonic forcing, otherwise integrated. ``laws(t, x, v)`` gives all f_i, of the
-    velocities of the coordinates of second order; `orders` has 1 or 2 for each coordinate.
+    factors under harmonic forcing, otherwise integrated.
+
+    Parameters
+    ----------
+    laws : callable ``(t, x, v) -> [f_0, f_1, ...]``
+        From time, all positions, and the velocities of the coordinates of second order.
+    orders : sequence of int
+        1 or 2 for each coordinate.
+    period : sympy.Expr
+        The system's.
     """
 
     def __init__(self, laws: Laws, orders: Sequence[int], period: Any) -> None:

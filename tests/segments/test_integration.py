@@ -195,6 +195,8 @@ def test_what_is_missing_is_said(monkeypatch):
 def test_accelerations_are_one_for_each_coordinate():
     with pytest.raises(InputError, match="found 1; give one for each degree of freedom: 2"):
         Nonlinear(lambda t, x, v: [x[0]], 2)
+    with pytest.raises(InputError, match="1, or another number as degrees_of_freedom="):
+        Nonlinear(lambda t, x, v: [x[1], -x[0]])
 
 
 def test_accelerations_are_in_the_symbols_given():
