@@ -58,6 +58,12 @@ def test_an_event_of_ones_own_is_one_real_number(function, branch):
         ci.continue_orbit(branch.orbit(0), "s", (0.3, 0.6), events=[own])
 
 
+def test_values_outside_the_range_are_refused_as_in_scenes(branch):
+    accepted = r"values.s\[1\]: 0.1 is outside the range; give a value from 0.3 to 0.6"
+    with pytest.raises(InputError, match=accepted):
+        ci.continue_orbit(branch.orbit(0), "s", (0.3, 0.6), values={"s": [0.4, 0.1]})
+
+
 def test_an_event_is_found_by_its_kind(branch):
     diagram = ci.Diagram("one", [branch])
     assert diagram["PD"] is diagram["PD1"] is branch.events[1]

@@ -21,7 +21,7 @@ from ..orbits.quiet import problem_in
 from ..progress import Asked, progress_callback
 from ..results.branch import Branch, Entry
 from ..results.diagram import Diagram, entry_by_name, entry_first, event_of, to_orbit
-from ..results.options import check_range
+from ..results.options import check_range, within
 from .orbit_walks import Callback, orbit_beside, run_born, symmetric_end, walk_both_ways
 
 UserEvent = tuple[str, Callable[[Orbit], float]]
@@ -58,7 +58,7 @@ def continue_orbit(
         function of the `Orbit` whose zeros are to be located; by default FB, BP, PD, G, V and T,
         and NS where tori can be born.
     values : mapping of str to sequence of float, optional
-        Values of the parameter, or of a derived one, to hit exactly (as UZ).
+        Values of the parameter in its range, or of a derived one, to hit exactly (as UZ).
     settings : Settings or mapping, optional
     callback : callable, optional
         Called with every accepted point; a true value stops the walk in that direction.
@@ -81,7 +81,8 @@ def continue_orbit(
     Raises
     ------
     InputError
-        For what is no orbit, a parameter the model does not have, or a range it does not admit.
+        For what is no orbit, a parameter the model does not have, a range it does not admit, or
+        values outside it.
     """
     given = entry_by_name(orbit)
     orbit = to_orbit(given, model)
@@ -91,7 +92,7 @@ def continue_orbit(
     if parameter != problem.parameter:
         problem, unknowns = problem_in(parameter, orbit.model, orbit.linearisation)
     limits = _limits(problem, float(unknowns[-1]), range)
-    stop, tests = symmetric_end(problem), tests_of_events(problem, events, values)
+    stop, tests = symmetric_end(problem), tests_of_events(problem, events, values, limits)
     settings = _numerics(settings)
     if isinstance(given, Entry) and given.tangent is not None and problem is orbit.problem:
         unknowns = orbit_beside(problem, unknowns, np.array(given.tangent), limits, settings)
@@ -118,6 +119,7 @@ def tests_of_events(
     problem: OrbitProblem,
     events: Sequence[str | UserEvent] | None,
     values: Mapping[str, Sequence[float]] | None,
+    limits: tuple[float, float],
 ) -> list[TestFunction]:
     events = usual_events(problem.model) if events is None else events
     if isinstance(events, str) or not isinstance(events, Sequence):
@@ -132,6 +134,8 @@ def tests_of_events(
     texts = each_once((kind for kind in events if isinstance(kind, str)), "events")
     kinds = wanted_kinds(texts, wanted, "events", "give values={name: [...]}")
     tests = test_functions(problem, kinds, wanted)
+    asked = [float(value) for value in wanted.get(problem.parameter, ())]
+    within(asked, f"values.{problem.parameter}", limits, "the range")
     return tests + [_user_test(kind) for kind in events if not isinstance(kind, str)]
 
 
@@ -207,7 +211,7 @@ def continue_born(
     start = primitive_start(start)
     problem = start.problem
     limits = _limits(problem, entry.value, range)
-    tests = tests_of_events(problem, events, values)
+    tests = tests_of_events(problem, events, values, limits)
     place = {"entry": entry.id, "parent": entry.branch}
     born = End.of(EndKind.BORN, entry.parameter, entry.value, **place)
     what = f"following {name}, {problem.word}"
