@@ -273,6 +273,7 @@ def passes_point(arc: Arc, start: Array, leaving: Array) -> bool:
 
 
 FINER, WIDER = "a smaller min_step or another free parameter", "a larger max_angle"
+LOOSER = "a tolerance above {rounding:.1g}, the rounding of the equations there,"
 """What may carry on where no step is accepted."""
 
 STRAIGHT = 1e-3
@@ -820,9 +821,18 @@ class _Walker:
         if turns and cast(float, refused.detail) < STRAIGHT:
             return self.end(refused.kind, why=str(refused), floor=floor, advice=WIDER)
         if near is None or near.crosses or refused.kind is not EndKind.STEP:
-            return self.end(refused.kind, why=str(refused), floor=floor, advice=FINER)
+            rounding = self.rounding(here)
+            rough = rounding > self.numerics(here).tolerance
+            advice = LOOSER.format(rounding=rounding) if rough else FINER
+            return self.end(refused.kind, why=str(refused), floor=floor, advice=advice)
         place = near.parameter
         return self.end(EndKind.NEAR_MISS, why=str(refused), near=str(near), place=place)
+
+    def rounding(self, here: Point) -> float:
+        """What the equations make of the rounding of the unknowns, in natural sizes."""
+        units = residual_sizes(self.problem, self.scale, here.evaluation)
+        residual = np.abs(here.evaluation.jacobian) @ np.abs(here.unknowns)
+        return float(np.finfo(float).eps * np.max(residual / units))
 
     def end(self, kind: EndKind, value: float | None = None, **details: object) -> End:
         value = self.points[-1].parameter if value is None else float(value)

@@ -393,6 +393,25 @@ def test_a_corner_ends_a_branch_at_the_smallest_step():
     assert found.rejected_steps <= 60  # measured: 31
 
 
+def test_a_tolerance_below_rounding_is_named():
+    """Beyond p = 0.4 an equation has the rounding of terms of 1e5, as long flights have in all
+    their coordinates."""
+
+    def error(y, p):
+        return 2e-11 * math.sin(1e16 * (p + math.pi * y)) if p > 0.4 else 0.0
+
+    rough = Algebraic(
+        lambda x, y, p: [1e5 * (x - p), y - p + error(y, p)],
+        lambda x, y, p: [[1e5, 0.0, -1e5], [0.0, 1.0, -1.0]],
+    )
+    found = walk(rough, np.zeros(3), 1, parameter="p", limits=(-1.0, 1.0))
+    assert found.end.kind is EndKind.STEP
+    assert "a tolerance above 2e-11, the rounding of the equations" in found.end.message
+    loose = {"settings": Settings(tolerance=1e-10)}
+    found = walk(rough, np.zeros(3), 1, parameter="p", limits=(-1.0, 1.0), **loose)
+    assert found.end.kind is EndKind.RANGE
+
+
 @pytest.mark.parametrize("largest", [1e-12, 1e-9])
 def test_a_largest_angle_that_no_step_keeps_is_named(largest):
     found = follow(circle(), [1.0, 0.0], settings=Settings(max_angle=largest))
