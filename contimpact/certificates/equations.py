@@ -7,6 +7,7 @@ systems come from power series of two terms.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -248,24 +249,64 @@ def crosses(space: BallProblem, box: Balls, inner: Balls) -> bool:
 
 def _images(space: BallProblem, box: Balls, inner: Balls) -> Iterator[Balls]:
     """The solutions that symmetries make of one, with nu and psi reversed."""
+    m, n = space.problem.m, space.problem.n
+    nu, psi = inner[n + 1], inner[n + 2 :]
+    for image in images_of(space, inner[: n + 1], box[0]):
+        parts = [[-arb(image.sign) * w for w in row] for row in _rows(psi, m, n)]
+        back = [w for row in (*parts[image.first :], *parts[: image.first]) for w in row]
+        yield [*image.z, -nu, *back]
+
+
+@dataclass(frozen=True)
+class Image:
+    """An orbit of the same word that a symmetry makes of another one.
+
+    Attributes
+    ----------
+    z : list of arb
+        Its unknowns.
+    walls : mapping
+        The wall that comes in the place of each.
+    sign : float
+    first, count : int
+        The impact whose image is its first, and how many impacts there are.
+    later, span : arb
+        By how much its times are later, and its period.
+    """
+
+    z: Balls
+    walls: Mapping[str, str]
+    sign: float
+    first: int
+    count: int
+    later: Any
+    span: Any
+
+    def touch(self, flight: int, wall: str, time: Any) -> tuple[int, str, Any]:
+        """Return flight, wall and time that a touch of the other orbit has in this one."""
+        again = self.span if flight < self.first else 0
+        return (flight - self.first) % self.count, self.walls[wall], time + self.later + again
+
+
+def images_of(space: BallProblem, z: Balls, near: Any) -> Iterator[Image]:
+    """Yield the orbits of the same word that symmetries make of one, each with its first impact
+    less than a period from a time."""
     problem, m, n = space.problem, space.problem.m, space.problem.n
-    value, nu, psi = inner[n], inner[n + 1], inner[n + 2 :]
-    word, span = problem.word.walls, space.span(inner[: n + 1])
-    period = space.setup(space.values(inner[: n + 1])).period
+    word, span = problem.word.walls, space.span(z)
+    period = arb(space.setup(space.values(z)).period)
     for walls, shift, sign in _symmetries(problem):
         letters = "".join(walls[letter] for letter in word)
         rows = [
-            [t + arb(shift) * period, *(arb(sign) * y for y in ys)] for t, *ys in _rows(inner, m, n)
+            [t + arb(shift) * period, *(arb(sign) * y for y in ys)] for t, *ys in _rows(z, m, n)
         ]
         for first in range(len(word)):
             if letters[first:] + letters[:first] != word:
                 continue
             moved = [*rows[first:], *([t + span, *ys] for t, *ys in rows[:first])]
-            late = round(float((moved[0][0] - box[0]).mid()) / float(period.mid()))
-            flat = [x for t, *ys in moved for x in (t - late * period, *ys)]
-            parts = [[-arb(sign) * w for w in row] for row in _rows(psi, m, n)]
-            back = [w for row in (*parts[first:], *parts[:first]) for w in row]
-            yield [*flat, value, -nu, *back]
+            late = round(float((moved[0][0] - near).mid()) / float(period.mid())) * period
+            flat = [x for t, *ys in moved for x in (t - late, *ys)]
+            later = arb(shift) * period - late
+            yield Image([*flat, z[n]], walls, sign, first, len(word), later, span)
 
 
 def _rows(numbers: Sequence[Any], m: int, n: int) -> list[Balls]:

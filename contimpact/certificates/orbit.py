@@ -33,7 +33,10 @@ from ..segments.balls import number, turns
 from ..segments.kernel import SECTION
 from ..segments.segment import ELSEWHERE
 from ..segments.touches import begins_on_surface, coordinates, limits_of
-from .equations import BallProblem, Balls, Flight, prove_zero
+from .equations import BallProblem, Balls, Flight, images_of, krawczyk, prove_zero
+
+NEARBY = 2.0**-40
+"""Half the width, beside its size, of a box in which an orbit and its image are the same."""
 
 # Where the motion begins after an impact, in balls; see `contimpact.segments.touches`.
 
@@ -420,7 +423,8 @@ class Orbit:
         for k in range(max(1, len(self.space.problem.word))):
             near = [] if self._vanishing(k) else coordinates_of(self.space, k)
             for wall in (one.guard for coordinate in near for one in coordinate.met):
-                touch = self.details["touch_time"] if self._own(k, wall.name) else None
+                own = self._own(k, wall.name)
+                touch = self.details["touch_time"] if own else self._images.get((k, wall.name))
                 beside = self._beside(k, wall.name)
                 found = Gap(self.space, self.z, k, wall.name, touch, beside).proven()
                 if found.what is not ClearanceProof.YES:
@@ -428,6 +432,24 @@ class Orbit:
                     passes = found.what is ClearanceProof.PASSES
                     return False if passes else None, f"{where}: the gap is {found.gap}"
         return True, ""
+
+    @functools.cached_property
+    def _images(self) -> dict[tuple[int, str], Any]:
+        """When the images of the event's touch come, where the orbit is proven to be its own image:
+        at its parameter there is one orbit in a box, in which both lie."""
+        if "touch_time" not in self.details or not self.space.problem.word:
+            return {}
+        system, _ = self.space.vanishing(lambda z: z[-1] - self.z[-1])
+        box = [x + arb(0, 1) * NEARBY * (1 + abs(x)) for x in self.z]
+        if krawczyk(self.space, system, box) is None:
+            return {}
+        own = self.details["flight"], self.details["wall"], self.details["touch_time"]
+        found = {}
+        for image in images_of(self.space, self.z, self.z[0]):
+            if all(b.contains(x) for b, x in zip(box, image.z, strict=True)):
+                flight, wall, time = image.touch(*own)
+                found[flight, wall] = time
+        return found
 
     def _beside(self, flight: int, wall: str) -> tuple[bool, bool]:
         """Whether a flight of no duration comes from a wall before it, or leads to it after it."""

@@ -21,7 +21,9 @@ from contimpact.models.guards import Word
 from contimpact.results.catalogue import open_results, write_diagram
 from contimpact.results.options import CertifyOptions
 from contimpact.results.scene import read_scene
+from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
+from contimpact.systems.two_stops import TwoStops
 
 flint = pytest.importorskip("flint", reason="needs contimpact[certify]")
 
@@ -313,6 +315,39 @@ def test_branches_that_pass_each_other_are_no_branch_point():
     found = certify_entry(dataclasses.replace(entry, parameters=apart))
     assert found.clause == "crossing"
     assert "e-1" in str(found.found)
+
+
+def test_a_branch_point_of_the_impact_pair_is_certified():
+    """Its period is a number, and no expression."""
+    (orbit, *_) = find_orbits(ImpactPair(beta=0.0, r=0.5, A=5.0, s=0.42), "1:1", parameter="s")
+    (entry,) = continue_orbit(orbit, range=(0.4, 0.45), events=["BP"]).events
+    assert certify_entry(entry).certified
+
+
+@functools.cache
+def grazing_on_both_sides():
+    """A branch of symmetric orbits that touch both stops at once."""
+    model = TwoStops(a=1.0, omega=1.0, c=0.1, k=0.0, sigma=0.22, r=0.7)
+    orbits = find_orbits(model, "1:1", parameter="sigma")
+    branches = (continue_orbit(o, range=(0.2, 0.25), events=["G"]) for o in orbits)
+    return next(found for found in branches if found.events)
+
+
+def test_touches_that_come_at_once_by_a_symmetry_are_certified():
+    one, other = grazing_on_both_sides().events
+    assert one.value == pytest.approx(other.value, abs=1e-14)
+    assert {one.wall, other.wall} == {"R", "L"}
+    assert certify_entry(one).certified
+
+
+@pytest.mark.full
+def test_only_a_symmetry_tells_that_touches_come_at_once(monkeypatch):
+    branch = grazing_on_both_sides()
+    found = certify(branch)
+    assert found.certified
+    assert found.branches[0].complete
+    monkeypatch.setattr(TwoStops, "symmetry", lambda *_: None)
+    assert certify_entry(branch.events[0]).clause == "physicality"
 
 
 @pytest.mark.slow
