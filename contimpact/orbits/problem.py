@@ -884,17 +884,15 @@ class OrbitProblem:
 
     def natural_units(self, unknowns: Array) -> Array:
         """Return units in which differences of orbits are told, whatever the units of the model:
-        the forcing's period, the largest velocity at an impact, or to a wall in a period, or, where
-        all walls are at zero, along the flights, for positions their product, and for parameters
-        their values. Surfaces of several gap coordinates have the units of `scale`."""
+        the forcing's period, the largest velocity at an impact, or to a wall in a period, for
+        positions their product, and for parameters their values. Surfaces of several gap
+        coordinates have the units of `scale`."""
         if len(self.surfaces) > 1:
             units = self.scale(unknowns, self._units_of_parameters(unknowns))
             units[: self.n] /= math.sqrt(len(self.word))
             return units
         setup, rates = self.setup(unknowns), np.abs(self.impacts(unknowns)[:, 1::2])
-        farthest = max(map(abs, setup.walls))
-        others = farthest / abs(setup.period) if farthest else self._largest_speed(unknowns)
-        fastest = max(float(np.max(rates)), others)
+        fastest = max(float(np.max(rates)), max(map(abs, setup.walls)) / abs(setup.period))
         units = np.full(self.n + self.free, fastest or 1.0)
         impacts = units[: self.n].reshape(-1, self.m)
         impacts[:, 0] = 1.0

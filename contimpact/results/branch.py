@@ -239,9 +239,14 @@ def _solve_orbit(problem: OrbitProblem, rows: Array, where: str) -> Orbit:
     """The orbit of these impacts at the model's parameters, if it solves the equations."""
     free = [problem.model.values[name] for name in problem.kernels.parameters]
     here = problem.evaluate(np.append(rows.ravel(), free))
-    units = problem.residual_sizes(problem.natural_units(here.unknowns))
-    residual, orbit = float(np.max(np.abs(here.residual) / units)), Orbit(problem, here)
-    if not (residual < SOLVED or _rests(orbit)):
+    orbit = Orbit(problem, here)
+    for sizes in (problem.natural_units, lambda z: problem.scale(z, 1.0)):
+        residual = float(
+            np.max(np.abs(here.residual) / problem.residual_sizes(sizes(here.unknowns)))
+        )
+        if residual < SOLVED:  # by the impacts alone, or by the flights where all are at rest
+            return orbit
+    if not _rests(orbit):
         found = f"it is no orbit of this model (relative residual {residual:.2g})"
         raise InputError(where, found, "give the model it was computed with")
     return orbit
