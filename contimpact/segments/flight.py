@@ -235,7 +235,7 @@ def turns_along(
     direction: float = 1.0,
 ) -> Turns:
     """Return what tells between which times a velocity, a kernel's second result, changes its sign:
-    the first and the last at which it is not rounding, and those around each change."""
+    the first at which it is not rounding, and those behind each change."""
 
     def turns(times: Array) -> list[float]:
         from .bounded import bounds_of_kernel
@@ -245,10 +245,8 @@ def turns_along(
             found, bounds = bounds_of_kernel(kernel, [*head, begin + direction * dt, *values])
             if abs(found[1]) > bounds[1]:
                 moving.append((dt, found[1] > 0.0))
-        sides = [
-            t for one, other in pairwise(moving) if one[1] != other[1] for t, _ in (one, other)
-        ]
-        return sorted({moving[0][0], *sides, moving[-1][0]}) if moving else []
+        changed = [later for one, later in pairwise(moving) if one[1] != later[1]]
+        return [t for t, _ in moving[:1] + changed]
 
     return turns
 
