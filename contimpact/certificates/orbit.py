@@ -439,17 +439,16 @@ class Orbit:
         at its parameter there is one orbit in a box, in which both lie."""
         if "touch_time" not in self.details or not self.space.problem.word:
             return {}
-        system, _ = self.space.vanishing(lambda z: z[-1] - self.z[-1])
         box = [x + arb(0, 1) * NEARBY * (1 + abs(x)) for x in self.z]
-        if krawczyk(self.space, system, box) is None:
-            return {}
         own = self.details["flight"], self.details["wall"], self.details["touch_time"]
         found = {}
         for image in images_of(self.space, self.z, self.z[0]):
             if all(b.contains(x) for b, x in zip(box, image.z, strict=True)):
                 flight, wall, time = image.touch(*own)
                 found[flight, wall] = time
-        return found
+        system, _ = self.space.vanishing(lambda z: z[-1] - self.z[-1])
+        alone = found and krawczyk(self.space, system, box) is not None
+        return found if alone else {}
 
     def _beside(self, flight: int, wall: str) -> tuple[bool, bool]:
         """Whether a flight of no duration comes from a wall before it, or leads to it after it."""
