@@ -131,10 +131,13 @@ def _add_part(
     try:
         return add(scene, diagram, tell)
     except ENDING as error:
-        return replace(
-            diagram,
-            statistics={**diagram.statistics, "failure": failure_of(error, diagram.branches)},
-        )
+        return _cut_short(diagram, error)
+
+
+def _cut_short(diagram: Diagram, error: BaseException) -> Diagram:
+    """The diagram with what has ended its computation early."""
+    failure = failure_of(error, diagram.branches)
+    return replace(diagram, statistics={**diagram.statistics, "failure": failure})
 
 
 def _add_crises(scene: Scene, diagram: Diagram, tell: RememberedProgress) -> Diagram:
@@ -144,8 +147,7 @@ def _add_crises(scene: Scene, diagram: Diagram, tell: RememberedProgress) -> Dia
     try:
         locate_in_scene(scene, diagram, crises, tell)
     except ENDING as error:
-        cut_short = {**diagram.statistics, "failure": failure_of(error, diagram.branches)}
-        diagram = replace(diagram, statistics=cut_short)
+        diagram = _cut_short(diagram, error)
     return add_crises(diagram, crises)
 
 
@@ -195,8 +197,7 @@ def _with_columns(scene: Scene, diagram: Diagram, tell: RememberedProgress) -> D
                 found[number] = replace(branch, notes=[*branch.notes, *fill[what](branch)])
                 del left[0]
         except ENDING as error:
-            cut_short = {**diagram.statistics, "failure": failure_of(error, diagram.branches)}
-            diagram = _stopped_at(replace(diagram, statistics=cut_short), tell.last)
+            diagram = _stopped_at(_cut_short(diagram, error), tell.last)
     for what, number in left:
         note = f"{what} are missing: the run ended before all were computed"
         found[number] = replace(found[number], notes=[*found[number].notes, note])

@@ -428,10 +428,12 @@ def legend_handles(
 
 def style_marks(styles: Sequence[str]) -> list[Any]:
     """Return lines for those of `STYLES` that are in use."""
-    labels = dict(zip(STYLES, STYLES, strict=True)) | {"unknown": "status unknown"}
+    labels = {"unknown": "status unknown"}
     return [
-        legend_mark(color="0.3", linestyle=STYLES[name], linewidth=WIDTHS[name], label=labels[name])
-        for name in STYLES
+        legend_mark(
+            label=labels.get(name, name), color="0.3", linestyle=look, linewidth=WIDTHS[name]
+        )
+        for name, look in STYLES.items()
         if name in styles
     ]
 
