@@ -37,6 +37,12 @@ def test_the_packages_systems_fit_together(model, done):
     assert ", ".join(check_model(model)) == done
 
 
+@pytest.mark.parametrize("omega", [1e-8, 1e-4, 1e4])
+def test_motion_much_slower_or_faster_than_the_forcing_fits_together(omega):
+    """In a period at 1e-8 what the impact has left has decayed: accelerations are rounding."""
+    check_model(Oscillator(a=1.0, omega=omega, c=2.0, k=1.0, sigma=0.3, r=0.7))
+
+
 @pytest.mark.parametrize(
     ("model", "says"),
     [
