@@ -14,7 +14,7 @@ from typing import Any, NoReturn, TypeAlias
 
 from ..arrays import Number, Vector
 from ..errors import InputError
-from .integrated_flight import flown_along
+from .integrated_flight import flown_of_series
 from .integration import statement
 from .kernel import Blocks, flat, refill, result_text
 from .linear_flow import Shape
@@ -437,7 +437,7 @@ def _record_flights(
     are numbers, which are computed where they are asked for alone."""
     values, parts = 2 * statement(field).freedom, 1 + len(directions.split())
     if len(rows[0]) == 2:
-        call = f"flown_along({field!r}, {directions!r}, {{}})"
+        call = f"flown_of_series({field!r}, {directions!r}, {{}})"
         return _record_series(call, rows, values * parts)
     found = _record_series(f"flown_of_series({field!r}, '', {{}})", rows, values)
     firsts = [row[:1] for row in rows]
@@ -488,7 +488,7 @@ def second_derivatives(kernel: Kernel, ends: int, parameters: tuple[str, ...]) -
     changes = tuple(tuple(_coefficient(number, 1) for number in block) for block in blocks)
     about = f"How {kernel.__name__} changes along a direction q."
     text = tape.kernel("second", arguments, about, changes)
-    return kernel_of("second", text, "<second>", {"flown_along": flown_along})
+    return kernel_of("second", text, "<second>", {"flown_of_series": flown_of_series})
 
 
 @functools.lru_cache(maxsize=256)
@@ -499,7 +499,7 @@ def third_derivatives(kernel: Kernel, ends: int) -> Derivatives:
     found = tuple(6 * _coefficient(number, 3) for number in blocks[0])
     about = f"Third derivatives of the residual of {kernel.__name__} along a direction q."
     text = tape.kernel("third", arguments, about, found)
-    return kernel_of("third", text, "<third>", {"flown_along": flown_along})
+    return kernel_of("third", text, "<third>", {"flown_of_series": flown_of_series})
 
 
 def _evaluate_along(

@@ -1,8 +1,8 @@
 """Integrated flights as kernels call them: ``flown`` in floats, arrays, series and many digits.
 
 The field is that of `integration.text_of`; directions are among `Statement.names`, each of which
-has a number. heyoka integrates, or a compiled program by the same steps where one is there or pays:
-for laws whose steps are compared with the force, and for derivatives that change along a direction.
+has a number. A compiled program integrates where one is there or pays, else heyoka by the same
+steps.
 """
 
 from __future__ import annotations
@@ -10,28 +10,15 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..arrays import Array
-from .compiling import load, mode, timed_plainly
-from .integration import (
-    KEPT,
-    SOME_STEPS,
-    UNIT,
-    batch_integrator,
-    integrator,
-    is_limited,
-    real_number,
-    statement,
-)
-from .taylor import flight_by_series, has_series
+from .compiling import timed_plainly
+from .integration import KEPT, UNIT, batch_integrator, integrator, real_number, statement
+from .taylor import flight_identity, run_flights
 from .track import velocities_at
-
-if TYPE_CHECKING:
-    from .kernel import Kernel
-    from .machine_code import Program
 
 TRIALS_APART = 0.7
 """Part of the mean step to which another integration is held, to see how far results differ."""
@@ -53,10 +40,10 @@ def flown(field: str, directions: str, *numbers: float) -> Sequence[float]:
 
 @functools.lru_cache(KEPT)
 def _flown(field: str, directions: str, numbers: tuple[float, ...]) -> Sequence[float]:
-    found = _run_program(field, directions, np.array([numbers]))
+    found = run_flights(field, directions, np.array([numbers]))
     if found is not None and np.isfinite(found).all():
         return tuple(found[0].tolist())
-    with timed_plainly(_identity(field, directions)):
+    with timed_plainly(flight_identity(field, directions)):
         return tuple(integrator(field, tuple(directions.split()))(numbers))
 
 
@@ -65,12 +52,29 @@ def flown_of_series(field: str, directions: str, rows: Sequence[Sequence[Any]]) 
 
     Derivatives by the directions are known to the first order; beyond it they are numbers.
     """
-    return _series_results(field, directions, rows, 0)
+    degree = len(rows[0]) - 1
+    if degree == 0:
+        return [[x] for x in flown(field, directions, *(row[0] for row in rows))]
+    if degree > 1 and directions:
+        values = flown_of_series(field, "", rows)
+        return [
+            *values,
+            *flown_of_series(field, directions, [row[:1] for row in rows])[len(values) :],
+        ]
+    factors = np.array([math.factorial(order) for order in range(degree + 1)])
+    given = np.array(rows, dtype=float) * factors
+    found = run_flights(field, directions, given.T.reshape(1, -1), degree)
+    if found is not None and np.isfinite(found).all():
+        coefficients: list[list[float]] = (found.reshape(degree + 1, -1).T / factors).tolist()
+        return coefficients
+    with timed_plainly(flight_identity(field, directions, degree)):
+        return _series_results(field, directions, rows, 0)
 
 
 def _series_results(
     field: str, directions: str, rows: Sequence[Sequence[Any]], bits: int
 ) -> list[Any]:
+    """The same in numbers of any precision."""
     degree, by = len(rows[0]) - 1, tuple(directions.split())
     if degree == 0 or (degree > 1 and by):
         numbers = [row[0] for row in rows]
@@ -80,15 +84,6 @@ def _series_results(
         values = integrator(field, (), degree, bits).of_series(rows)
         return [*values, *tables[len(values) :]]
     return integrator(field, by, degree, bits).of_series(rows)
-
-
-def flown_along(field: str, directions: str, rows: Sequence[Sequence[float]]) -> list[Any]:
-    """Return what `flown_of_series` does for series to the first order."""
-    found = _run_program(field, directions, np.array(rows, dtype=float).T.reshape(1, -1), True)
-    if found is not None and np.isfinite(found).all():
-        return found.reshape(2, -1).T.tolist()
-    with timed_plainly(_identity(field, directions, True)):
-        return flown_of_series(field, directions, rows)
 
 
 def flown_of_arrays(field: str, directions: str, *numbers: Any) -> Array:
@@ -124,14 +119,14 @@ def _flown_of_arrays(field: str, directions: str, tolerance: float, *numbers: An
     rows, by = np.column_stack([x.ravel() for x in given]), tuple(directions.split())
     size = 2 * statement(field).freedom * (1 + len(by))
     found, left = np.full((len(rows), size), np.nan), np.isfinite(rows).all(axis=1)
-    compiled = _run_program(field, directions, rows, tolerance=tolerance)
+    compiled = run_flights(field, directions, rows, tolerance=tolerance)
     if compiled is not None:
         found = compiled
         left &= ~np.isfinite(found).all(axis=1) & (tolerance == UNIT)
     if left.any():
         exact = len(rows) < MANY and tolerance == UNIT
         made = integrator(field, by) if exact else batch_integrator(field, by, tolerance)
-        with timed_plainly(_identity(field, directions, tolerance=tolerance)):
+        with timed_plainly(flight_identity(field, directions, tolerance=tolerance)):
             found[left] = made.each(rows[left])
     return found.T.reshape(-1, *shape)
 
@@ -141,14 +136,26 @@ def rounding_scale(field: str, directions: str, numbers: Sequence[float], found:
 
     Beside the velocities there are, and beside what another integration, by other steps, is off.
     """
-    function = integrator(field, tuple(directions.split()))
-    function(numbers)
-    steps = max(1, function.steps)
-    other = np.array(function(numbers, TRIALS_APART / steps))
+    steps, other = _in_other_steps(field, directions, numbers)
     d = statement(field).freedom
     tables = np.abs(found).reshape(-1, d)
     tables[:2] = np.max(np.abs([*tables[:2], numbers[2 + d : 2 + 2 * d]]), axis=0)
     return math.sqrt(steps) * tables.ravel() + np.abs(found - other) / np.finfo(float).eps
+
+
+def _in_other_steps(field: str, directions: str, numbers: Sequence[float]) -> tuple[int, Array]:
+    """How many steps a flight takes, and its results by others."""
+    rows, limits = np.array([numbers]), np.array([1.0, 0.0])
+    if (found := run_flights(field, directions, rows, limits=limits)) is not None:
+        steps = int(limits[1])
+        limits[0] = TRIALS_APART / steps
+        other = run_flights(field, directions, rows, limits=limits)
+        if other is not None and np.isfinite([found, other]).all():
+            return steps, other[0]
+    function = integrator(field, tuple(directions.split()))
+    function(numbers)
+    steps = max(1, function.steps)
+    return steps, np.array(function(numbers, TRIALS_APART / steps))
 
 
 SCALAR: dict[str, Callable[..., Any]] = {"flown": flown, "flown_of_series": flown_of_series}
@@ -177,57 +184,3 @@ def multiprecision_functions(ctx: Any) -> dict[str, Callable[..., Any]]:
         ]
 
     return {"flown": many, "flown_of_series": many_of_series}
-
-
-# Compiled programs of single flights.
-
-
-def _identity(
-    field: str, directions: str, along: bool = False, tolerance: float = UNIT
-) -> tuple[str, ...]:
-    return ALONG if along else FLOWN, field, directions, str(tolerance)
-
-
-FLOWN, ALONG = "flown", "flown along"
-"""Begin the identities of programs: of flights, and of those whose numbers change along a
-direction."""
-
-
-def _run_program(
-    field: str, directions: str, rows: Array, along: bool = False, tolerance: float = UNIT
-) -> Array | None:
-    """The results of flights, a row each, by a compiled program, if that is there or pays.
-
-    They are NaN where a flight does not stay finite or takes more than `SOME_STEPS`. Steps are not
-    counted: where they are, no program runs.
-    """
-    if mode() == "never" or not has_series(field) or is_limited():
-        return None
-    flight = flight_by_series(field, directions, along, tolerance)
-    identity, count = _identity(field, directions, along, tolerance), rows.shape[1]
-    # it pays at once: heyoka's integrator takes as long to compile
-    run = load(identity, "FfF", lambda: _program(flight.function, count), after=0.0)
-    if run is None:
-        return None
-    sides = 2 if along else 1
-    size = 2 * sides * statement(field).freedom * (1 + len(directions.split()))
-    found = np.empty((len(rows), size))
-    run(np.ascontiguousarray(rows), np.empty(flight.space), found)
-    return found
-
-
-def _program(flight: Kernel, count: int) -> Program:
-    from .machine_code import Program
-
-    program = Program({})
-    text = f"""
-def entry(rows, space, found):
-    for k in range(len(rows)):
-        x, out = rows[k], found[k]
-        results = flight({", ".join(f"x[{i}]" for i in range(count))}, space, {SOME_STEPS})
-        for i in range(len(out)):
-            out[i] = results[i]
-    return 0
-"""
-    program.glue(text, flight=flight)
-    return program

@@ -3,7 +3,7 @@
 What `integration` has heyoka do, for one field and for derivatives by some directions: the same
 equations, order and steps, but that derivatives by the duration follow without an equation, so that
 results differ by rounding alone. `taylor_text` writes the text for a field; here are the functions
-that it calls, and the kernels that call it.
+that it calls, the kernels that call it, and the programs of single flights.
 """
 
 from __future__ import annotations
@@ -14,10 +14,13 @@ import hashlib
 import math
 import re
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from ..arrays import Table, Vector, tail
+import numpy as np
+
+from ..arrays import Array, Table, Vector, tail
 from ..syntax import parse
+from .compiling import load, mode
 from .integration import (
     CLOSE,
     KEPT,
@@ -28,7 +31,10 @@ from .integration import (
     NOISE,
     SCALE,
     SHORTEST_STEP,
+    SOME_STEPS,
     UNIT,
+    integrator,
+    is_limited,
     statement,
 )
 from .kernel import ELEMENTARY, Family, Kernel, declaration, function_of
@@ -46,6 +52,9 @@ from .oscillation import (
     zeros_of_all,
 )
 from .taylor_text import Writer
+
+if TYPE_CHECKING:
+    from .machine_code import Program
 
 ORDER = DEGREE
 """Order of the series: heyoka's for errors at rounding."""
@@ -78,14 +87,15 @@ class BySeries(NamedTuple):
 
 @functools.cache
 def flight_by_series(
-    field: str, directions: str, along: bool = False, tolerance: float = UNIT
+    field: str, directions: str, along: int = 0, tolerance: float = UNIT
 ) -> BySeries:
     """Return what `Integrator` does for a field and directions, as a plain function.
 
-    It takes the numbers of `Statement.names`, scratch space, and the largest number of steps, whose
-    errors are about the `tolerance`, as in `Integrator`. It returns NaN where these do not suffice
-    or the flow ceases to be finite. With `along` it takes the slopes of all numbers behind these,
-    and returns how all results change along them behind the results.
+    It takes the numbers of `Statement.names`, scratch space, the largest number of steps, whose
+    errors are about the `tolerance`, as in `Integrator`, and the largest part of the flight that a
+    step takes. It returns NaN where these do not suffice or the flow ceases to be finite, and says
+    at the head of the space how many they are. With `along` it takes so many derivatives of all
+    numbers along a direction behind these, and returns those of the results behind the results.
 
     Raises NotImplementedError for a field with an operation that has no series here.
     """
@@ -107,6 +117,18 @@ def path_by_series(field: str) -> BySeries:
     writer = Writer(field, ())
     called = step_length, follow_step, begin_path
     return _by_series(writer, "path", writer.path("path"), {}, *called)
+
+
+@functools.cache
+def steps_by_series(field: str) -> BySeries:
+    """Return a plain function that fills in the steps of a flight by a field; see `record_step`.
+
+    It takes the numbers of `Statement.names`, scratch space, and the table that is filled in; it
+    returns how many steps there are, -1 if they would be too many or the flow ceases to be finite.
+    Raises NotImplementedError as `flight_by_series` does.
+    """
+    writer = Writer(field, ())
+    return _by_series(writer, "steps", writer.steps("steps"), {}, step_length, record_step)
 
 
 def _by_series(
@@ -171,7 +193,7 @@ def flight_kernel(kernel: Kernel) -> BySeries:
             name = f"flown_{len(called)}"
             called[name], space = found.function, max(space, found.space)
             call.func, call.args[:2] = ast.Name(name, ast.Load()), []
-            call.args += [ast.Name("space", ast.Load()), ast.Constant(MOST_STEPS)]
+            call.args += [ast.Name("space", ast.Load()), *map(ast.Constant, (MOST_STEPS, 1.0))]
     return _kernel_with(kernel, function, ["space"], called, space)
 
 
@@ -339,3 +361,114 @@ def shift_series(stride: int, i: int, w: Vector, place: float, width: float, row
         for k in range(ORDER + 1):
             row[last - k] *= scale
             scale *= width
+
+
+# Compiled programs of single flights.
+
+ROWS = 2**10
+"""Largest number of steps of a flight whose polynomials a program finds."""
+
+
+def flight_identity(
+    field: str, directions: str, along: int = 0, tolerance: float = UNIT
+) -> tuple[str, ...]:
+    """Return the identity of the program of `run_flights`."""
+    return FLOWN, field, directions, str(along), str(tolerance)
+
+
+FLOWN, DENSE = "flown", "flown densely"
+"""Begin the identities of programs: of flights, and of the polynomials of flights."""
+
+
+def run_flights(
+    field: str,
+    directions: str,
+    rows: Array,
+    along: int = 0,
+    tolerance: float = UNIT,
+    limits: Array | None = None,
+) -> Array | None:
+    """Return the results of flights, a row each, by a compiled program, if that is there or pays.
+
+    They are NaN where a flight does not stay finite or takes more than `SOME_STEPS`. Steps are not
+    charged: where they are, no program runs. `limits` are the largest part of a flight that a step
+    takes, and the number of steps of the last flight, which is filled in.
+    """
+    if not _has_programs(field):
+        return None
+    flight = flight_by_series(field, directions, along, tolerance)
+    identity, count = flight_identity(field, directions, along, tolerance), rows.shape[1]
+    # it pays at once: heyoka's integrator takes as long to compile
+    run = load(identity, "FffF", lambda: _program(_FLIGHTS, count, flight), after=0.0)
+    if run is None:
+        return None
+    size = 2 * (along + 1) * statement(field).freedom * (1 + len(directions.split()))
+    found = np.empty((len(rows), size))
+    limits = np.array([1.0, 0.0]) if limits is None else limits
+    run(np.ascontiguousarray(rows), limits, np.empty(flight.space), found)
+    return found
+
+
+def polynomials_of(field: str, numbers: Sequence[float]) -> tuple[Array, Array, Array]:
+    """Return a flight as polynomials, as `Integrator.dense` does: by a compiled program, if that
+    is there or pays."""
+    if _has_programs(field):
+        steps = steps_by_series(field)
+        run = load((DENSE, field), "ffF", lambda: _program(_STEPS, len(numbers), steps), after=0.0)
+        d = statement(field).freedom
+        found = np.empty((ROWS, 1 + 2 * d * (ORDER + 1)))
+        made = -1 if run is None else run(np.array(numbers), np.empty(steps.space), found)
+        if made > 0 and np.isfinite(found[:made]).all():
+            means, speeds = np.split(found[:made, 1:].reshape(made, 2 * d, -1), 2, axis=1)
+            return np.append(found[:made, 0], 1.0), means, speeds
+    return integrator(field).dense(numbers)
+
+
+def _has_programs(field: str) -> bool:
+    return mode() != "never" and has_series(field) and not is_limited()
+
+
+def _program(text: str, count: int, called: BySeries) -> Program:
+    """A program of flights that takes so many numbers for each of them."""
+    from .machine_code import Program
+
+    program = Program({})
+    numbers = ", ".join(f"x[{i}]" for i in range(count))
+    program.glue(text.format(numbers=numbers, most=SOME_STEPS), flight=called.function)
+    return program
+
+
+_FLIGHTS = """
+def entry(rows, limits, space, found):
+    for k in range(len(rows)):
+        x, out = rows[k], found[k]
+        results = flight({numbers}, space, {most}, limits[0])
+        for i in range(len(out)):
+            out[i] = results[i]
+    limits[1] = space[0]
+    return 0
+"""
+_STEPS = """
+def entry(x, space, found):
+    return flight({numbers}, space, found)
+"""
+
+
+def record_step(
+    d: int, stride: int, w: Vector, at: float, h: float, made: int, found: Table
+) -> int:
+    """Fill in a row: where a step of length h begins, and the polynomials of the state in it.
+
+    Their coefficients are by powers of the part of the step; the series of the state stand at the
+    beginnings of the rows of `w`. Returns how many rows there are; -1 for more than there are
+    places for.
+    """
+    if made == len(found):
+        return -1
+    row, scale = found[made], 1.0
+    row[0] = at
+    for k in range(ORDER + 1):
+        for i in range(2 * d):
+            row[1 + (ORDER + 1) * i + k] = scale * w[stride * k + i]
+        scale *= h
+    return made + 1

@@ -13,6 +13,7 @@ equations: the derivatives of the forces by the state multiply them, all directi
 from __future__ import annotations
 
 import ast
+import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
@@ -44,14 +45,15 @@ class Writer:
     """Writes the text of a flight.
 
     Constants are numbers ``c7``. What is linear in the time has the number ``c7`` at the start of
-    each step, and the rate ``r7``. For derivatives `along` a direction of all that a flight depends
-    on, those of the state and of its derivatives by the directions are integrated, too.
+    each step, and the rate ``r7``. For so many derivatives `along` a direction of all that a flight
+    depends on, those of the state are integrated, too, and the first of its derivatives by the
+    directions.
 
     Derivatives by the duration are not integrated: where v' = D f, that of the velocity is s f.
     Nor are those by what no acceleration mentions, which are zero.
     """
 
-    def __init__(self, field: str, asked: tuple[str, ...], along: bool = False) -> None:
+    def __init__(self, field: str, asked: tuple[str, ...], along: int = 0) -> None:
         self.field, self.stated, self.asked = field, statement(field), asked
         self.hides = may_hide(field)
         d = self.freedom = self.stated.freedom
@@ -61,7 +63,7 @@ class Writer:
         }
         matter |= {f"v{i}" for i in range(d)}
         self.directions = tuple(name for name in asked if name in matter)
-        self.sides = ("", ALONG) if along else ("",)
+        self.sides = [ALONG * order for order in range(along + 1)]
         self.once: list[str] = []
         """Lines for a flight, a step, and an order of the series."""
         self.each_step: list[str] = []
@@ -87,8 +89,12 @@ class Writer:
         """Names of the numbers of the state at the end of a step."""
         names = self.stated.names
         self.given = {name: f"g{i}" for i, name in enumerate(names)}
-        self.start = {name: self.number(given) for name, given in self.given.items()}
-        self.variables = self.start | {"t": self.time("g")}
+        letters = ["g", *("e" * order for order in range(1, along + 1))]
+        self.letters = letters
+        numbers = [[self.number(n.replace("g", e)) for n in self.given.values()] for e in letters]
+        self.start = dict(zip(names, numbers[0], strict=True))
+        times = [self.time(letter) for letter in letters]
+        self.variables = self.start | {"t": times[0]}
         for i in range(d):
             path = self.product(self.start["dt"], self.rows[""][i])
             self.variables[f"x{i}"] = self.sum(path, self.start[f"x{i}"])
@@ -98,13 +104,14 @@ class Writer:
         """Derivatives of what is made of no other quantities."""
         self.seeds["t"] = {self.variables["t"]: one}
         self.seeds |= {row.place: {row: one} for row in self.rows[""]}
-        if along:
-            others = (self.number(given.replace("g", "e")) for given in self.given.values())
-            self.seeds[ALONG] = {
-                **dict(zip(self.start.values(), others, strict=True)),
-                **dict(zip(self.rows[""], self.rows[ALONG], strict=True)),
-                self.variables["t"]: self.time("e"),
-            }
+        orders = [
+            [*n, *row, t] for n, row, t in zip(numbers, self.rows.values(), times, strict=True)
+        ]
+        self.seeds[ALONG] = {
+            one: other
+            for pair in itertools.pairwise(orders)
+            for one, other in zip(*pair, strict=True)
+        }
 
     # Names and places.
 
@@ -465,7 +472,9 @@ class Writer:
 
     def on(self, side: str, a: Quantity) -> str:
         """The coefficient of a quantity, or of what it changes by."""
-        found = self.derivative(a, side) if side else a
+        found: Quantity | None = a
+        for along in side:
+            found = found and self.derivative(found, along)
         return "0.0" if found is None else self.coefficient(found)
 
     def slopes(self, pushed: Quantity) -> Iterator[tuple[Quantity, int, str]]:
@@ -504,8 +513,8 @@ class Writer:
             self.each_order.append(f"n[{place}] = ({' + '.join(parts) or '0.0'}) / (k + 1)")
 
     def flight(self, name: str) -> str:
-        """Return the text of a function that returns what `integration.flown` does; where there
-        are second derivatives, the same of these behind it."""
+        """Return the text of a function that returns what `integration.flown` does, and behind it
+        the same of the derivatives along a direction."""
         self.push()
         wanted = [
             self.found(i, name, side)
@@ -514,9 +523,9 @@ class Writer:
             for i in range(2 * self.freedom)
         ]
         found, none = (f"return ({', '.join(one)})" for one in (wanted, ["nan"] * len(wanted)))
-        slopes = [given.replace("g", "e") for given in self.given.values()]
-        more = [*(slopes if ALONG in self.sides else []), "w", "most"]
-        return self.loop(name, ", ".join(more), [], found, none)
+        more = [n.replace("g", e) for e in self.letters[1:] for n in self.given.values()]
+        ends = ["w[0] = taken + 1.0", found]
+        return self.loop(name, ", ".join([*more, "w", "most", "longest"]), [], ends, none)
 
     def path(self, name: str) -> str:
         """Return the text of a function that fills in the pieces of a flight."""
@@ -528,8 +537,16 @@ class Writer:
             f"made = follow_step({self.freedom}, STRIDE, w, g0, at, h, weights, count, made, way)"
         )
         lines = [each, "if made < 0:", "    return -1"]
-        self.once += ["made = 0", "most = MOST_STEPS", "begin_path(count, way)"]
-        return self.loop(name, "w, weights, count, way", lines, "return made", "return -1")
+        self.once += ["made = 0", "most, longest = MOST_STEPS, 1.0", "begin_path(count, way)"]
+        return self.loop(name, "w, weights, count, way", lines, ["return made"], "return -1")
+
+    def steps(self, name: str) -> str:
+        """Return the text of a function that fills in the series of a flight's steps."""
+        self.push()
+        self.once += ["made = 0", "most, longest = MOST_STEPS, 1.0"]
+        each = f"made = record_step({self.freedom}, STRIDE, w, at, h, made, found)"
+        lines = [each, "if made < 0:", "    return -1"]
+        return self.loop(name, "w, found", lines, ["return made"], "return -1")
 
     def force(self) -> str:
         """Return the text of a function that returns the accelerations at a time and a state."""
@@ -586,7 +603,7 @@ class Writer:
             return "0.0"
         return self.state[self.varied[side, i] + self.directions.index(name)]
 
-    def loop(self, name: str, more: str, each: list[str], arrived: str, failed: str) -> str:
+    def loop(self, name: str, more: str, each: list[str], arrived: list[str], failed: str) -> str:
         """The text of a function that takes steps, with lines for each of them, and for when the
         flight has arrived, or does not."""
         self.write_sums()
@@ -594,10 +611,10 @@ class Writer:
         begun = [f"w[{i}] = 0.0" for i in state]
         for i in range(self.freedom):
             speed, place = f"v{i}", self.freedom + i
-            begun.append(f"w[{place}] = {self.at(self.start[speed])}")
-            if ALONG in self.sides:
-                change = self.seeds[ALONG][self.start[speed]]
-                begun.append(f"w[{self.rows[ALONG][place].place}] = {self.at(change)}")
+            value = self.start[speed]
+            for row in self.rows.values():
+                begun.append(f"w[{row[place].place}] = {self.at(value)}")
+                value = self.seeds[ALONG].get(value, value)
             if speed in self.directions:
                 first = self.varied["", place]
                 begun.append(f"w[{first + self.directions.index(speed)}] = 1.0")
@@ -609,7 +626,7 @@ class Writer:
             f"def {name}({given}, {more}):",
             *_indented(1, self.once + begun),
             "    at, lost = 0.0, 0.0",
-            "    for _ in range(most):",
+            "    for taken in range(most):",
             *_indented(2, self.each_step),
             "        for k in range(ORDER):",
             "            r, n = tail(w, STRIDE * k), tail(w, STRIDE * (k + 1))",
@@ -617,7 +634,7 @@ class Writer:
             "        r, p, q = w[:STRIDE], tail(w, STRIDE * ORDER), tail(w, STRIDE * (ORDER - 1))",
             "        left = (1.0 - at) - lost",
             f"        size = {sizes[0]}",
-            f"        h = step_length(ORDER, size, {', '.join(sizes[1:])}, left)",
+            f"        h = step_length(ORDER, size, {', '.join(sizes[1:])}, min(left, longest))",
             *_indented(2, watch if self.hides else []),
             *_indented(2, [f"{s} = p[{i}]" for i, s in enumerate(sums)]),
             "        for k in range(ORDER - 1, -1, -1):",
@@ -628,7 +645,7 @@ class Writer:
             f"            {failed}",
             *_indented(2, each),
             "        if h >= left:",
-            f"            {arrived}",
+            *_indented(3, arrived),
             *_indented(2, [f"w[{i}] = {s}" for i, s in enumerate(sums)]),
             "        h += lost",
             "        after = at + h",

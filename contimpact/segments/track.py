@@ -17,8 +17,9 @@ import numpy as np
 
 from ..arrays import Array, Vector
 from ..errors import InputError
-from .integration import KEPT, integrator, statement
+from .integration import KEPT, statement
 from .linear_flow import Shape, generator_of, mean_of, norm_in_units
+from .taylor import polynomials_of
 
 # Zeros of polynomials in pieces, each isolated by the signs of Bernstein coefficients.
 #
@@ -247,7 +248,7 @@ class IntegratedTrack:
 
     def __init__(self, field: str, numbers: Sequence[float], length: float) -> None:
         freedom = statement(field).freedom
-        times, means, speeds = integrator(field).dense([length, *numbers])
+        times, means, speeds = polynomials_of(field, [length, *numbers])
         self.start = list(numbers[1 : 1 + freedom])
         self.times, self.speeds = length * times, speeds
         self.moved = length * means

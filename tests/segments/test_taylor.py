@@ -13,13 +13,12 @@ import pytest
 from contimpact.segments import compiling, integrated_flight, taylor
 from contimpact.segments.bounded import many_digits
 from contimpact.segments.integrated_flight import (
-    SOME_STEPS,
     flown,
-    flown_along,
     flown_of_arrays,
+    flown_of_series,
     flown_of_states,
 )
-from contimpact.segments.integration import integrator, statement, text_of
+from contimpact.segments.integration import SOME_STEPS, integrator, statement, text_of
 from contimpact.segments.machine_code import Program
 from contimpact.segments.oscillation import (
     DEGREE,
@@ -29,7 +28,7 @@ from contimpact.segments.oscillation import (
     motion_in_step,
     motion_of_gap,
 )
-from contimpact.segments.taylor import flight_by_series, path_by_series
+from contimpact.segments.taylor import flight_by_series, path_by_series, polynomials_of, run_flights
 from contimpact.segments.track import IntegratedTrack
 
 pytest.importorskip(
@@ -77,7 +76,7 @@ def blank(function):
 
 
 def flown_by(function, numbers, most=SOME_STEPS):
-    return function.function(*numbers, blank(function), most)
+    return function.function(*numbers, blank(function), most, 1.0)
 
 
 def flown_plainly(field, directions, numbers):
@@ -121,6 +120,36 @@ def test_second_derivatives_are_those_in_many_digits(field):
     assert np.max(abs(np.reshape(found, (2, -1)).T - exact)) < 2e-14 * size
 
 
+@pytest.mark.parametrize("field", FIELDS)
+@pytest.mark.quick(2)
+def test_third_derivatives_are_those_in_many_digits(field):
+    numbers = np.array(numbers_for(field, 2.0, 5))
+    rows = [numbers, *np.random.default_rng(6).uniform(-1.0, 1.0, (3, len(numbers)))]
+    exact = many_digits(CTX).names["flown_of_series"](field, "", np.transpose(rows).tolist())
+    exact = np.array([[float(c) * math.factorial(k) for k, c in enumerate(row)] for row in exact])
+    given = [math.factorial(k) * row for k, row in enumerate(rows)]
+    found = flown_by(flight_by_series(field, "", along=3), np.concatenate(given).tolist())
+    size = max(1.0, np.max(abs(exact)))
+    assert np.max(abs(np.reshape(found, (4, -1)).T - exact)) < 1e-13 * size
+
+
+@needs_llvmlite
+@pytest.mark.parametrize("field", [DUFFING, CHAIN])
+def test_steps_of_a_flight_are_counted_and_as_short_as_they_have_to_be(
+    field, kernel_cache, monkeypatch
+):
+    """By ever shorter steps: as many as their lengths say, and results differ by rounding."""
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
+    numbers = numbers_for(field, 2.0, 3)
+    for longest in (1.0, 0.03, 0.003):
+        limits = np.array([longest, 0.0])
+        (found,) = run_flights(field, "v0", np.array([numbers]), limits=limits)
+        steps = len(integrator(field).dense(numbers)[0]) - 1
+        assert limits[1] >= max(steps, math.ceil(1.0 / longest))
+        assert limits[1] <= math.ceil(1.0 / longest) + 2 * steps
+        assert found == pytest.approx(flown(field, "v0", *numbers), rel=1e-13, abs=1e-14)
+
+
 @needs_llvmlite
 def test_series_by_compiled_code_are_heyokas(kernel_cache, monkeypatch):
     field = text_of(["p_a", "p_w"], ["p_a*cos(p_w*t) - sin(x0)"])
@@ -128,11 +157,11 @@ def test_series_by_compiled_code_are_heyokas(kernel_cache, monkeypatch):
     found = []
     for mode in ("never", "always"):
         monkeypatch.setenv("CONTIMPACT_COMPILED", mode)
-        found.append(np.array(flown_along(field, "dt x0 v0 p_w", rows)))
+        found.append(np.array(flown_of_series(field, "dt x0 v0 p_w", rows)))
     assert found[1] == pytest.approx(found[0], rel=1e-13, abs=1e-14)
     assert not np.array_equal(found[0], found[1])  # another code
     with pytest.raises(OverflowError, match="finite"):
-        flown_along("a: x0**2 + a", "dt", [[x, 0.0] for x in (3.0, 0.0, 1.0, 1.0, 1.0)])
+        flown_of_series("a: x0**2 + a", "dt", [[x, 0.0] for x in (3.0, 0.0, 1.0, 1.0, 1.0)])
 
 
 @needs_llvmlite
@@ -146,10 +175,10 @@ def test_flights_that_are_compared_with_the_force_are_heyokas_by_compiled_code(
     found = []
     for mode, most in [("never", SOME_STEPS), ("always", SOME_STEPS), ("always", 2)]:
         monkeypatch.setenv("CONTIMPACT_COMPILED", mode)
-        monkeypatch.setattr(integrated_flight, "SOME_STEPS", most)
+        monkeypatch.setattr(taylor, "SOME_STEPS", most)
         if most == 2:
             compiling._LOADED.clear()
-            monkeypatch.setattr(integrated_flight, "FLOWN", "flown in two steps")
+            monkeypatch.setattr(taylor, "FLOWN", "flown in two steps")
         integrated_flight._flown.cache_clear()
         alone = flown(field, directions, *given)
         many = flown_of_arrays(field, directions, *rows.T)
@@ -159,6 +188,23 @@ def test_flights_that_are_compared_with_the_force_are_heyokas_by_compiled_code(
     assert compiled == pytest.approx(plainly, rel=1e-12, abs=1e-13, nan_ok=True)
     assert not np.array_equal(compiled, plainly, equal_nan=True)
     assert np.array_equal(left, plainly, equal_nan=True)
+
+
+@needs_llvmlite
+@pytest.mark.parametrize("field", FIELDS)
+def test_polynomials_of_flights_are_heyokas_by_compiled_code(field, kernel_cache, monkeypatch):
+    """Where these have too many steps, they are heyoka's themselves."""
+    numbers = numbers_for(field, 2.5, 3)
+    theirs = integrator(field).dense(numbers)
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
+    times, *series = polynomials_of(field, numbers)
+    assert times == pytest.approx(theirs[0], abs=1e-13)
+    assert times[0] == 0.0 < 1.0 == times[-1]
+    for own, others in zip(series, theirs[1:], strict=True):
+        assert own == pytest.approx(others, abs=1e-13)
+    assert field == FIELDS[-1] or not np.array_equal(series[1], theirs[2])  # another code
+    monkeypatch.setattr(taylor, "ROWS", 1)
+    assert all(map(np.array_equal, polynomials_of(field, numbers), theirs))
 
 
 @needs_llvmlite
@@ -285,7 +331,7 @@ def test_compiled_flights_are_those_of_the_plain_text(field, monkeypatch, tmp_pa
         program = Program({})
         text = f"""
 def entry(x, w, out):
-    found = flown({given}, w, {SOME_STEPS})
+    found = flown({given}, w, {SOME_STEPS}, 1.0)
     for i in range({size}):
         out[i] = found[i]
     return 0
@@ -322,7 +368,7 @@ def test_programs_share_the_machine_code_of_a_flight(monkeypatch, tmp_path):
         program = Program({})
         text = f"""
 def entry(x, w, out):
-    out[0] = {factor}*flown(x[0], x[1], x[2], x[3], x[4], x[5], w, {SOME_STEPS})[0]
+    out[0] = {factor}*flown(x[0], x[1], x[2], x[3], x[4], x[5], w, {SOME_STEPS}, 1.0)[0]
     return 0
 """
         program.glue(text, flown=flight.function)
