@@ -14,7 +14,8 @@ import hashlib
 import math
 import re
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -78,11 +79,18 @@ def step_length(order: int, size: float, last: float, before: float, left: float
     return left
 
 
-class BySeries(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class BySeries:
     """A function of plain text, and how many numbers of scratch space it takes."""
 
-    function: Kernel
     space: int
+    make: Callable[[], Kernel]
+    """Makes the function, which nobody asks for where a compiled program is in the cache."""
+
+    @functools.cached_property
+    def function(self) -> Kernel:
+        """The function."""
+        return self.make()
 
 
 @functools.cache
@@ -134,9 +142,21 @@ def steps_by_series(field: str) -> BySeries:
 def _by_series(
     writer: Writer, name: str, text: str, more: dict[str, float], *called: Callable[..., object]
 ) -> BySeries:
+    """A function by its text."""
+    numbers = NUMBERS | {"STRIDE": writer.stride, **more}
+    make = functools.partial(_function_by_series, writer, name, text, numbers, called)
+    return BySeries((int(numbers["ORDER"]) + 1) * writer.stride, make)
+
+
+def _function_by_series(
+    writer: Writer,
+    name: str,
+    text: str,
+    numbers: dict[str, float],
+    called: Sequence[Callable[..., object]],
+) -> Kernel:
     """A function from its text, which has a module and names of its own, so that the programs that
     call it share its machine code."""
-    numbers = NUMBERS | {"STRIDE": writer.stride, **more}
     texts = dict(writer.helpers)
     if writer.hides:
         texts |= {"force": writer.force(), "misses": writer.misses()}
@@ -151,7 +171,7 @@ def _by_series(
         function = function_of(marked, declared + lines, file, ELEMENTARY, names)
         function.__module__ = f"{__name__}.{mark}"
         names[marked] = function
-    return BySeries(function, (int(numbers["ORDER"]) + 1) * writer.stride)
+    return function
 
 
 NUMBERS: dict[str, float] = {
@@ -186,15 +206,14 @@ def flight_kernel(kernel: Kernel) -> BySeries:
 
     Raises NotImplementedError as `flight_by_series` does.
     """
-    function, called, space = _function_of(kernel), dict(kernel.functions), 0
+    function, flights = _function_of(kernel), dict[str, BySeries]()
     for call in ast.walk(function):
         if isinstance(call, ast.Call) and getattr(call.func, "id", "") == "flown":
-            found = flight_by_series(*map(ast.literal_eval, call.args[:2]))
-            name = f"flown_{len(called)}"
-            called[name], space = found.function, max(space, found.space)
+            name = f"flown_{len(flights)}"
+            flights[name] = flight_by_series(*map(ast.literal_eval, call.args[:2]))
             call.func, call.args[:2] = ast.Name(name, ast.Load()), []
             call.args += [ast.Name("space", ast.Load()), *map(ast.Constant, (MOST_STEPS, 1.0))]
-    return _kernel_with(kernel, function, ["space"], called, space)
+    return _kernel_with(kernel, function, ["space"], flights)
 
 
 @functools.lru_cache(KEPT)
@@ -208,7 +227,7 @@ def path_kernel(kernel: Kernel) -> BySeries:
     more = ["length", "space", "weights", "count", "way"]
     length, *others = (ast.Name(name, ast.Load()) for name in more)
     result.value = ast.Call(ast.Name("path", ast.Load()), [length, *numbers.elts, *others], [])
-    return _kernel_with(kernel, function, more, {"path": found.function}, found.space)
+    return _kernel_with(kernel, function, more, {"path": found})
 
 
 def departure_kernel(kernel: Kernel) -> Kernel:
@@ -217,7 +236,7 @@ def departure_kernel(kernel: Kernel) -> Kernel:
     function = _function_of(kernel)
     result, (_, numbers) = _result_of(function)
     result.value = numbers
-    return _kernel_with(kernel, function, [], {}, 0).function
+    return _kernel_with(kernel, function, [], {}).function
 
 
 def start_kernel(kernel: Kernel, freedom: int) -> Kernel:
@@ -229,7 +248,7 @@ def start_kernel(kernel: Kernel, freedom: int) -> Kernel:
     own = statement(ast.literal_eval(field)).freedom
     rest = [ast.Constant(0.0) for _ in range(freedom - own)]
     result.value = ast.Tuple([*numbers.elts[1 : 1 + own], *rest], ast.Load())
-    return _kernel_with(kernel, function, [], {}, 0).function
+    return _kernel_with(kernel, function, [], {}).function
 
 
 def field_of(kernel: Kernel) -> str:
@@ -251,17 +270,18 @@ def _function_of(kernel: Kernel) -> ast.FunctionDef:
 
 
 def _kernel_with(
-    kernel: Kernel,
-    function: ast.FunctionDef,
-    more: Sequence[str],
-    called: dict[str, Callable[..., object]],
-    space: int,
+    kernel: Kernel, function: ast.FunctionDef, more: Sequence[str], called: dict[str, BySeries]
 ) -> BySeries:
     """A kernel from its changed tree, which takes more arguments."""
-    function.args.args += [ast.arg(name) for name in more]
-    text = ast.unparse(ast.fix_missing_locations(function))
-    name, names = kernel.__name__, kernel.__globals__
-    return BySeries(function_of(name, text, f"<{name} by series>", names, called), space)
+
+    def make() -> Kernel:
+        function.args.args += [ast.arg(name) for name in more]
+        text = ast.unparse(ast.fix_missing_locations(function))
+        name, names = kernel.__name__, kernel.__globals__
+        own = {name: found.function for name, found in called.items()}
+        return function_of(name, text, f"<{name} by series>", names, {**kernel.functions, **own})
+
+    return BySeries(max((found.space for found in called.values()), default=0), make)
 
 
 # Flights from their start to their end, as polynomials.
