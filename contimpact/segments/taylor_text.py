@@ -103,6 +103,7 @@ class Writer:
         self.seeds = {name: {number: one} for name, number in self.start.items()}
         """Derivatives of what is made of no other quantities."""
         self.seeds["t"] = {self.variables["t"]: one}
+        self.seeds |= {f"x{i}": {self.variables[f"x{i}"]: one} for i in range(d)}
         self.seeds |= {row.place: {row: one} for row in self.rows[""]}
         orders = [
             [*n, *row, t] for n, row, t in zip(numbers, self.rows.values(), times, strict=True)
@@ -209,6 +210,8 @@ class Writer:
                     if other.degree == CONSTANT:
                         return self.product(self.product(factor, other), rest)
                     return self.product(factor, self.product(rest, other))
+        if ("product", b, a) in self.known:
+            return self.known["product", b, a]
         return self.combined("product", a, b, make=lambda: self._product(a, b))
 
     def _product(self, a: Quantity, b: Quantity) -> Quantity:
@@ -481,7 +484,10 @@ class Writer:
         """Yield what the state's derivatives are multiplied by where a velocity is pushed, the
         place of the first of them, and the side on which the product is."""
         for m, row in enumerate(self.rows[""]):
-            slope = self.derivative(pushed, row.place)
+            if m < self.freedom:
+                slope = self.times(self.start["dt"], self.derivative(pushed, f"x{m}"))
+            else:
+                slope = self.derivative(pushed, row.place)
             if slope is not None:
                 yield from ((slope, self.varied[side, m], side) for side in self.sides)
                 bend = self.derivative(slope, ALONG) if ALONG in self.sides else None
