@@ -23,27 +23,36 @@ class Field(sympy.Atom):
     """What a flight is integrated from.
 
     There is an acceleration for each coordinate, in the symbols of `Field.state` and the
-    parameters.
+    parameters; where rates are given, there is one for each coordinate of first order, and None for
+    others. Velocities differ from rates by constants.
     """
 
-    __slots__ = ("accelerations",)
+    __slots__ = ("accelerations", "rates")
 
-    def __new__(cls, accelerations: Sequence[Expr]) -> Self:
+    def __new__(cls, accelerations: Sequence[Expr], rates: Sequence[Expr | None] = ()) -> Self:
         field: Self = super().__new__(cls)
-        field.accelerations = tuple(accelerations)
+        field.accelerations, field.rates = tuple(accelerations), tuple(rates)
         return field
 
     def __getnewargs__(self) -> tuple[Any, ...]:
-        return (self.accelerations,)
+        return self.accelerations, self.rates
 
     def _hashable_content(self) -> tuple[Any, ...]:
-        return self.accelerations
+        return self.accelerations, self.rates
 
     def _sympystr(self, printer: Any) -> str:
-        return f"Field({', '.join(map(printer._print, self.accelerations))})"
+        return f"Field({', '.join(map(printer._print, self._expressions))})"
 
     def _sympyrepr(self, printer: Any) -> str:
-        return f"Field([{', '.join(map(printer._print, self.accelerations))}])"
+        accelerations, rates = (
+            ", ".join("None" if e is None else printer._print(e) for e in given)
+            for given in self.__getnewargs__()
+        )
+        return f"Field([{accelerations}], [{rates}])"
+
+    @property
+    def _expressions(self) -> list[Expr]:
+        return [*self.accelerations, *(e for e in self.rates if e is not None)]
 
     @property
     def state(self) -> tuple[Expr, ...]:
@@ -53,7 +62,7 @@ class Field(sympy.Atom):
     @property
     def parameters(self) -> list[Expr]:
         """The other symbols in it, by name."""
-        found = set().union(*(e.free_symbols for e in self.accelerations))
+        found = set().union(*(e.free_symbols for e in self._expressions))
         return sorted(found - set(self.state), key=str)
 
 
@@ -99,6 +108,9 @@ class Nonlinear:
         system's period in t.
     degrees_of_freedom : int
         How many coordinates there are.
+    rates : sequence of sympy.Expr or None
+        In the symbols of `state_symbols`, for coordinates that move by laws of first order: what
+        their accelerations are the derivatives of. It is faster to integrate.
 
     Raises
     ------
@@ -110,6 +122,7 @@ class Nonlinear:
         self,
         force: Callable[[Expr, Sequence[Expr], Sequence[Expr]], Sequence[Expr]],
         degrees_of_freedom: int = 1,
+        rates: Sequence[Expr | None] = (),
     ) -> None:
         self.force = force
         t, *state = state_symbols(degrees_of_freedom)
@@ -121,7 +134,7 @@ class Nonlinear:
             raise InputError("acceleration", "it uses a further coordinate", accepted) from None
         if len(given) != degrees_of_freedom:
             raise InputError("acceleration", f"found {len(given)}", accepted)
-        self.field = Field([sympy.sympify(e) for e in given])
+        self.field = Field([sympy.sympify(e) for e in given], rates)
 
     @cached_property
     def _parameters(self) -> list[Expr]:
@@ -173,13 +186,19 @@ class Motion:
         self.laws, self.orders = laws, tuple(orders)
         size = len(self.orders)
         t, *state = state_symbols(size)
-        whole = self._accelerations(t, state[:size], state[size:])
+        given = [sympy.sympify(e) for e in laws(t, state[:size], self._second(state[size:]))]
+        whole = self._accelerations(given, t, state[:size], state[size:])
+        first = [
+            None if order == 2 else e.as_independent(t, *state, as_Add=True)[1]
+            for e, order in zip(given, self.orders, strict=True)
+        ]
         self.motion = _linear(whole, t, state, period) or Nonlinear(
-            _function(whole, [t, *state]), size
+            _function(whole, [t, *state]), size, first if any(first) else ()
         )
 
-    def _accelerations(self, t: Any, x: Sequence[Any], v: Sequence[Any]) -> list[Any]:
-        given = [sympy.sympify(e) for e in self.laws(t, x, self._second(v))]
+    def _accelerations(
+        self, given: Sequence[Any], t: Any, x: Sequence[Any], v: Sequence[Any]
+    ) -> list[Any]:
         rates = dict(zip(x, v, strict=True)) | {t: sympy.S.One}
         rates |= {s: e for s, e, order in zip(v, given, self.orders, strict=True) if order == 2}
         return [

@@ -212,7 +212,8 @@ class Printer(PythonCodePrinter):
 
     def _print_Field(self, expr: Any) -> str:
         parameters = [self._print(symbol) for symbol in expr.parameters]
-        return repr(text_of(parameters, [self._print(e) for e in expr.accelerations]))
+        rates = ["" if e is None else self._print(e) for e in expr.rates]
+        return repr(text_of(parameters, [self._print(e) for e in expr.accelerations], rates))
 
     def _print_Float(self, expr: Any) -> str:
         return repr(float(expr))

@@ -120,6 +120,9 @@ class Statement(NamedTuple):
 
     parameters: tuple[str, ...]
     accelerations: tuple[str, ...]
+    rates: tuple[str, ...] = ()
+    """Of coordinates of first order, whose velocities differ from them by constants; empty for
+    others."""
 
     @property
     def freedom(self) -> int:
@@ -134,16 +137,20 @@ class Statement(NamedTuple):
         return "dt", "t", *state, *self.parameters
 
 
-def text_of(parameters: Sequence[str], accelerations: Sequence[str]) -> str:
+def text_of(
+    parameters: Sequence[str], accelerations: Sequence[str], rates: Sequence[str] = ()
+) -> str:
     """Return the text of a field, in which kernels hold it."""
-    return f"{' '.join(parameters)}: {'; '.join(accelerations)}"
+    first = f" | {'; '.join(rates)}" * any(rates)
+    return f"{' '.join(parameters)}: {'; '.join(accelerations)}{first}"
 
 
 @functools.cache
 def statement(field: str) -> Statement:
     """Return what a text states."""
-    parameters, _, accelerations = field.partition(":")
-    return Statement(tuple(parameters.split()), tuple(accelerations.strip().split("; ")))
+    parameters, _, laws = field.partition(": ")
+    accelerations, *rates = (tuple(part.split("; ")) for part in laws.split(" | "))
+    return Statement(tuple(parameters.split()), accelerations, *rates)
 
 
 LARGEST_DEGREE = 5

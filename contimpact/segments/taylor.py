@@ -145,7 +145,7 @@ def _by_series(
     """A function by its text."""
     numbers = NUMBERS | {"STRIDE": writer.stride, **more}
     make = functools.partial(_function_by_series, writer, name, text, numbers, called)
-    return BySeries((int(numbers["ORDER"]) + 1) * writer.stride, make)
+    return BySeries((int(numbers["ORDER"]) + 1 + writer.further) * writer.stride, make)
 
 
 def _function_by_series(

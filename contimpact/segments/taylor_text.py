@@ -13,6 +13,7 @@ equations: the derivatives of the forces by the state multiply them, all directi
 from __future__ import annotations
 
 import ast
+import functools
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -56,8 +57,11 @@ class Writer:
     def __init__(self, field: str, asked: tuple[str, ...], along: int = 0) -> None:
         self.field, self.stated, self.asked = field, statement(field), asked
         self.hides = may_hide(field)
+        self.further = int(any(self.stated.rates))
+        """Orders beyond the last one, to which means of velocities by rates go."""
         d = self.freedom = self.stated.freedom
-        trees = map(parse_expression, self.stated.accelerations)
+        laws = *self.stated.accelerations, *filter(None, self.stated.rates)
+        trees = map(parse_expression, laws)
         matter = {
             node.id for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Name)
         }
@@ -436,9 +440,34 @@ class Writer:
 
     # The whole text.
 
+    def rate_of(self, i: int) -> Quantity | None:
+        """Write the rate of a coordinate of first order; None of others."""
+        rates = self.stated.rates
+        return self.expression(parse_expression(rates[i])) if rates and rates[i] else None
+
+    def force_parts(self, i: int, rate: Quantity) -> list[Quantity]:
+        """Write what the acceleration of a coordinate of first order, the derivative of its rate,
+        is the sum of."""
+        parts = [self.derivative(rate, "t")]
+        for m, speed in enumerate(self.rows[""][self.freedom :]):
+            parts.append(self.times(speed, self.derivative(rate, f"x{m}")))
+            if (slope := self.derivative(rate, speed.place)) is not None:
+                parts.append(self.product(slope, self.acceleration(m)))
+        return [part for part in parts if part is not None] or [self.number("0.0")]
+
+    def acceleration(self, i: int) -> Quantity:
+        """Write an acceleration."""
+        if (rate := self.rate_of(i)) is not None:
+            return functools.reduce(self.sum, self.force_parts(i, rate))
+        return self.expression(parse_expression(self.stated.accelerations[i]))
+
     def forces(self) -> list[list[Quantity]]:
         """Write the accelerations; returns the terms of each."""
-        return [self.terms(parse_expression(text)) for text in self.stated.accelerations]
+        rates = [self.rate_of(i) for i in range(self.freedom)]
+        return [
+            self.terms(parse_expression(text)) if rate is None else self.force_parts(i, rate)
+            for i, (text, rate) in enumerate(zip(self.stated.accelerations, rates, strict=True))
+        ]
 
     def terms(self, node: ast.expr) -> list[Quantity]:
         """Write what an expression is a sum of."""
@@ -448,18 +477,25 @@ class Writer:
         return [self.expression(node)]
 
     def push(self) -> None:
-        """Write the next coefficients of the state and of its derivatives."""
+        """Write the next coefficients of the state and of its derivatives.
+
+        Of a coordinate of first order, the series of the velocity is that of the rate but for where
+        it starts, and so it is with derivatives."""
         d, places = self.freedom, range(len(self.directions))
-        for i, text in enumerate(self.stated.accelerations):
-            force = self.expression(parse_expression(text))
-            pushed = self.product(self.start["dt"], force)
+        rates = [self.rate_of(i) for i in range(d)]
+        for i, rate in enumerate(rates):
+            if rate is not None:
+                for side, row in self.rows.items():
+                    self.follow_rate(int(row[d + i].place), self.on(side, rate))
+        for i, rate in enumerate(rates):
+            force = self.acceleration(i) if rate is None or self.by_duration else self.number("0.0")
+            law = self.product(self.start["dt"], force) if rate is None else rate
             for side, row in self.rows.items():
-                own, now = self.on(side, force), self.on(side, pushed)
+                own, now = self.on(side, force), self.on(side, law)
                 mean, speed = row[i], row[d + i]
-                self.each_order += [
-                    f"n[{mean.place}] = {self.at(speed)} / (k + 1)",
-                    f"n[{speed.place}] = {now} / (k + 1)",
-                ]
+                self.each_order.append(f"n[{mean.place}] = {self.at(speed)} / (k + 1)")
+                if rate is None:
+                    self.each_order.append(f"n[{speed.place}] = {now} / (k + 1)")
                 if self.by_duration:
                     u, v = self.by_duration[side, i], self.by_duration[side, d + i]
                     self.each_order += [
@@ -468,7 +504,7 @@ class Writer:
                         f"n[{u}] = r[{v}] / (k + 1)",
                     ]
             if self.directions:
-                self.vary(i, pushed)
+                self.vary(i, law, rate is None)
                 for side in self.sides:
                     u, v = self.varied[side, i], self.varied[side, d + i]
                     self.each_order += [f"n[{u + j}] = r[{v + j}] / (k + 1)" for j in places]
@@ -480,32 +516,37 @@ class Writer:
             found = found and self.derivative(found, along)
         return "0.0" if found is None else self.coefficient(found)
 
-    def slopes(self, pushed: Quantity) -> Iterator[tuple[Quantity, int, str]]:
-        """Yield what the state's derivatives are multiplied by where a velocity is pushed, the
-        place of the first of them, and the side on which the product is."""
+    def follow_rate(self, place: int, rate: str) -> None:
+        """Write a coefficient of what differs from a rate by a constant."""
+        self.each_order.append(f"r[{place}] = {rate} if k > 0 else r[{place}]")
+
+    def slopes(self, law: Quantity) -> Iterator[tuple[Quantity, int, str]]:
+        """Yield what the state's derivatives are multiplied by in a velocity's law, the place of
+        the first of them, and the side on which the product is."""
         for m, row in enumerate(self.rows[""]):
             if m < self.freedom:
-                slope = self.times(self.start["dt"], self.derivative(pushed, f"x{m}"))
+                slope = self.times(self.start["dt"], self.derivative(law, f"x{m}"))
             else:
-                slope = self.derivative(pushed, row.place)
+                slope = self.derivative(law, row.place)
             if slope is not None:
                 yield from ((slope, self.varied[side, m], side) for side in self.sides)
                 bend = self.derivative(slope, ALONG) if ALONG in self.sides else None
                 if bend is not None:
                     yield bend, self.varied["", m], ALONG
 
-    def vary(self, i: int, pushed: Quantity) -> None:
-        """Write the next coefficients of the derivatives of a velocity by the directions."""
+    def vary(self, i: int, law: Quantity, pushed: bool) -> None:
+        """Write the coefficients of the derivatives of a velocity by the directions, the next ones
+        where the law pushes it."""
         keys = [(side, j) for side in self.sides for j in range(len(self.directions))]
         sums, terms = {key: list[str]() for key in keys}, {key: list[str]() for key in keys}
-        for slope, first, side in self.slopes(pushed):
+        for slope, first, side in self.slopes(law):
             for j in range(len(self.directions)):
                 if slope.degree == CONSTANT:
                     terms[side, j].append(f"{self.at(slope)} * r[{first + j}]")
                 else:
                     sums[side, j].append(f"p[{self.series(slope).place}] * q[{first + j}]")
         for j, name in enumerate(self.directions):
-            own = self.derivative(pushed, name)
+            own = self.derivative(law, name)
             if own is not None:
                 for side in self.sides:
                     terms[side, j].append(self.on(side, own))
@@ -516,7 +557,11 @@ class Writer:
         for side, j in keys:
             parts = [*([found[side, j]] if sums[side, j] else []), *terms[side, j]]
             place = self.varied[side, self.freedom + i] + j
-            self.each_order.append(f"n[{place}] = ({' + '.join(parts) or '0.0'}) / (k + 1)")
+            text = " + ".join(parts) or "0.0"
+            if pushed:
+                self.each_order.append(f"n[{place}] = ({text}) / (k + 1)")
+            else:
+                self.follow_rate(place, text)
 
     def flight(self, name: str) -> str:
         """Return the text of a function that returns what `integration.flown` does, and behind it
@@ -634,7 +679,7 @@ class Writer:
             "    at, lost = 0.0, 0.0",
             "    for taken in range(most):",
             *_indented(2, self.each_step),
-            "        for k in range(ORDER):",
+            f"        for k in range(ORDER + {self.further}):",
             "            r, n = tail(w, STRIDE * k), tail(w, STRIDE * (k + 1))",
             *_indented(3, self.each_order),
             "        r, p, q = w[:STRIDE], tail(w, STRIDE * ORDER), tail(w, STRIDE * (ORDER - 1))",

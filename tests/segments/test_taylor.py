@@ -43,9 +43,26 @@ CTX.dps = 34
 
 DUFFING = "a w: a*cos(w*t) - 0.1*v0 - x0**3"
 CHAIN = "a w: -x0**3 - 0.2*(x0 - x1) + a*cos(w*t); -w*x1 + 0.2*(x0 - x1) - sin(a)*v1*ratio(1, 3)"
+PLANE = text_of(
+    ["a", "w"],
+    ["v0 - x0**2*v0 - v1 - a*w*sin(w*t)", "0.08*v0 - 0.064*v1"],
+    ["x0 - x0**3/3 - x1 + a*cos(w*t)", "0.08*x0 - 0.064*x1"],
+)
+"""FitzHugh and Nagumo's neuron, of first order; velocities may start off the rates."""
+MIXED = text_of(
+    ["a", "w"],
+    [
+        "-a*v0 + cos(x1)*v1 + 0.2*w*v1*(x0 - a*v1 - sin(x1) + cos(w*t))",
+        "x0 - a*v1 - sin(x1) + cos(w*t)",
+    ],
+    ["-a*x0 + sin(x1) + 0.1*w*v1**2", ""],
+)
+"""The first coordinate is of first order, the second of second order."""
 FIELDS = [
     DUFFING,
     CHAIN,
+    PLANE,
+    MIXED,
     "a w: -tanh(x0/a)*w - tan(0.3*sin(x0)) + 0.3*cos(w*t + 1)",
     "a w: -sinh(x0)*w - cosh(a*v0)*0.1",
     "a w: -asin(x0/4)*w - acos(0.2*sin(a*t))*0.1 - atan(v0*a)",
