@@ -58,6 +58,12 @@ def test_an_event_of_ones_own_is_one_real_number(function, branch):
         ci.continue_orbit(branch.orbit(0), "s", (0.3, 0.6), events=[own])
 
 
+def test_events_of_ones_own_have_names_of_their_own(branch):
+    own = [("own", lambda o: o.period - 3.0), ("own", lambda o: o.period - 4.0)]
+    with pytest.raises(InputError, match="found two functions by the name 'own'"):
+        ci.continue_orbit(branch.orbit(0), "s", (0.3, 0.6), events=own)
+
+
 def test_values_outside_the_range_are_refused_as_in_scenes(branch):
     accepted = r"values.s\[1\]: 0.1 is outside the range; give a value from 0.3 to 0.6"
     with pytest.raises(InputError, match=accepted):

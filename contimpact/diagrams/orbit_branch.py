@@ -136,7 +136,12 @@ def tests_of_events(
     tests = test_functions(problem, kinds, wanted)
     asked = [float(value) for value in wanted.get(problem.parameter, ())]
     within(asked, f"values.{problem.parameter}", limits, "the range")
-    return tests + [_user_test(kind) for kind in events if not isinstance(kind, str)]
+    own = [_user_test(kind) for kind in events if not isinstance(kind, str)]
+    names = [test.kind for test in own]
+    if again := [name for name in names if names.count(name) > 1]:
+        found = f"found two functions by the name {short_repr(again[0])}"
+        raise InputError("events", found, "give each a name of its own")
+    return tests + own
 
 
 def _user_test(given: UserEvent) -> TestFunction:
