@@ -31,7 +31,14 @@ from ..models.model import Model
 from ..orbits.orbit import Orbit
 from ..orbits.problem import OrbitProblem, Summary
 from ..orbits.quiet import problem_of
-from ..orbits.search import find_orbits, reduce_period, rotate_to_word, search_for, solve_near
+from ..orbits.search import (
+    find_orbits,
+    reduce_period,
+    repeats,
+    rotate_to_word,
+    search_for,
+    solve_near,
+)
 from ..orbits.status import PHYSICAL
 from ..progress import Progress
 from ..results.branch import Branch, Entry, columns_of, details_of, orbit_of
@@ -709,7 +716,8 @@ class Lines:
                 starts = self.on_run(*source, line, problem, own)
             runs = line.runs if own else line.born
             for unknowns in starts:
-                if not any(run.has(problem, unknowns) for run in (*line.runs, *line.born)):
+                known = any(run.has(problem, unknowns) for run in (*line.runs, *line.born))
+                if not (known or repeats(problem, unknowns, SAME_ORBIT_ON_LINES)):
                     runs.append(run_on_line(self.scene, problem, unknowns, limits))
                     new.append(runs[-1])
             self.evaluations += problem.kernel_evaluations
@@ -802,7 +810,9 @@ class Lines:
         problem = problem_of(self.model.replace(**{held: place[held]}), miss.word, kernels)
         start = np.append(miss.unknowns[:-1], place[kernels.parameter])
         here = solve_near(problem, start)
-        run = None if here is None else run_on_line(self.scene, problem, here.unknowns, limits)
+        run = None
+        if here is not None and not repeats(problem, here.unknowns, SAME_ORBIT_ON_LINES):
+            run = run_on_line(self.scene, problem, here.unknowns, limits)
         self.evaluations += problem.kernel_evaluations
         return run
 

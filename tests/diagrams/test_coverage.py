@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 from zoo import scene
 
+from contimpact.bifurcations.codimension_two import repeat_orbit
 from contimpact.diagrams.explore import follow
-from contimpact.diagrams.map_lines import passes_entry, run_along
+from contimpact.diagrams.map_lines import Line, Lines, passes_entry, run_along, run_on_line
 from contimpact.errors import InputError
+from contimpact.orbits.search import find_orbits
 from contimpact.page.data import remarks_in
+from contimpact.progress import ignore_progress
 from contimpact.results.catalogue import load_diagram, write_diagram
 from contimpact.segments.kernels import Kernels
 
@@ -124,6 +127,20 @@ def test_lines_follow_what_crosses_them_of_words_that_curves_alone_have_shown(co
     assert told.branches > 0
     assert not told.uncovered
     assert "not searched for" in str(told)
+
+
+def test_lines_do_not_follow_a_shorter_orbit_run_several_times():
+    """An orbit of 1:1/2T that crosses a line beside its doubling may lead to 1:1 there, which is
+    followed as such."""
+    given = map_of(math.pi / 3, word="1:1/2T")
+    (word,), model = given.orbits, given.model
+    kernels = {name: Kernels(model, name) for name in RANGES}
+    short = next(o for o in find_orbits(model, "1:1", kernels=kernels["r"]) if o.physical)
+    twice = repeat_orbit(short.linearisation, 2)
+    across = run_on_line(given, twice.problem, twice.unknowns, RANGES["r"])
+    lines = Lines(given, model, word, kernels["A"], list, bool, str, list, ignore_progress)
+    lines.laid = [Line("A", 0.5, given.start, runs=[across])]
+    assert lines.carry(Line("r", 0.5, 0.55), own=True) == []
 
 
 @pytest.mark.full
