@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from event_driven import TIGHT, Between, Walker, random_scene, row_of
 from scipy.integrate import solve_ivp
-from scipy.optimize import minimize_scalar
+from scipy.optimize import fsolve, minimize_scalar
 
 from contimpact.diagrams.explore import follow
 from contimpact.errors import InputError
@@ -259,3 +259,43 @@ def test_many_random_scenes_are_what_an_integration_makes_of_them():
     located = sum(n for what, n in compared.counts.items() if what.endswith(" relocated"))
     assert compared.counts["physicality"] > 2000
     assert located > 200, compared.undecided
+
+
+def test_nothing_is_born_where_a_touch_is_a_jump():
+    """A neuron that fires is reset to 0: no orbit that fires once more is near to one whose voltage
+    just touches the threshold. It opened a closed branch far away."""
+    a, w, period = 0.8, 4.0, math.pi / 2
+    table = {
+        "name": "lif",
+        "model": {
+            "system": "hybrid",
+            "period": "2*pi/w",
+            "parameters": {"I": 1.3, "a": a, "w": w},
+            "modes": {"rest": {"v": "I + a*cos(w*t) - v"}},
+            "guards": {"F": {"within": "v <= 1", "set": {"v": 0}}},
+        },
+        "follow": {"parameter": "I", "range": [0.9, 3], "orbits": ["F"], "switch": ["G", "V"]},
+    }
+    diagram = follow(read_scene(table))
+    (branch,) = diagram.branches
+    entries = [e for e in branch.events if e.kind in ("G", "V")]
+    (touch,) = [e for e in entries if e.kind == "G"]
+    assert {(e.label.lstrip("~"), e.becomes, tuple(e.opens)) for e in entries} == {
+        ("G", None, ()),
+        ("V", None, ()),
+    }
+    assert any("nothing starts there: what a touch" in note for note in diagram.statistics["notes"])
+    assert not diagram.reading.transitions
+
+    def voltage(t, fired, drive):
+        def free(t):
+            return drive + a * (math.cos(w * t) + w * math.sin(w * t)) / (1 + w * w)
+
+        return free(t) - free(fired) * math.exp(fired - t)
+
+    def equations(u):
+        fired, touched, drive = u
+        reached, peak = voltage(fired + period, fired, drive), voltage(touched, fired, drive)
+        return [reached - 1, peak - 1, drive + a * math.cos(w * touched) - peak]
+
+    assert touch.value == pytest.approx(fsolve(equations, [-0.3, 0.5, 1.4], xtol=1e-12)[2], 1e-9)

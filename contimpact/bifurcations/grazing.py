@@ -77,6 +77,7 @@ from .sliding import (
     SlidingOnset,
     interrupted_sliding_start,
     is_brief,
+    is_same_orbit,
     near_touches,
     onset_of,
     onsets_of_word,
@@ -304,22 +305,13 @@ class G(Kind):
 
     def born(self, event: OrbitEvent) -> Start | None:
         here: Linearisation = event.point.evaluation
-        problem, rows = here.problem, here.problem.impacts(here.unknowns)
-        begun = onset_of(problem, event.details)
+        begun = onset_of(here.problem, event.details)
         if begun is not None:
             return begun.born(here.unknowns)
-        word = word_with_touches(event)
-        if word is None:
+        there = _orbit_with_touches(event)
+        if there is None:
             return None
-        for flight, wall, time in _last_first(touches_at(event)):
-            system = TouchingFlight(problem, flight, wall, time)
-            touch = system.touch(system.start(here))
-            letters = _excursion(problem, flight, wall) or ""
-            rows = _insert_impacts(
-                rows, flight, _excursion_impacts(problem, here.unknowns, letters, touch)
-            )
-        longer = problem_of(problem.model, word, problem.kernels)
-        unknowns = longer.with_impacts(rows, here.span, here.unknowns)
+        longer, unknowns = there
         if self.sliding(event) == ADDING:
             return interrupted_sliding_start(longer, unknowns, event.details["flight"] + 1)
         start = null_vector_start(longer, unknowns)
@@ -336,7 +328,14 @@ class G(Kind):
         begun = onset_of(event.point.evaluation.problem, event.details)
         if begun is not None:
             return begun.next_word()
-        return word_with_touches(event)
+        there = _orbit_with_touches(event)
+        return None if there is None else there[0].word
+
+    def nothing(self, event: OrbitEvent) -> str:
+        begun = onset_of(event.point.evaluation.problem, event.details) is not None
+        if begun or word_with_touches(event) is None or _orbit_with_touches(event) is not None:
+            return super().nothing(event)
+        return "nothing starts there: what a touch changes does not vanish with its velocity"
 
     def sliding(self, event: OrbitEvent) -> str | None:
         return sliding_kind_of_touch(event.point.evaluation.problem, event.details)
@@ -424,6 +423,28 @@ def touches_at(event: OrbitEvent) -> list[tuple[int, str, float]]:
 def _last_first(touches: list[tuple[int, str, float]]) -> list[tuple[int, str, float]]:
     """In this order, inserting one does not move the places of the others."""
     return sorted(touches, key=lambda touch: (touch[0], touch[2]), reverse=True)
+
+
+def _orbit_with_touches(event: OrbitEvent) -> tuple[OrbitProblem, Array] | None:
+    """Return the problem of the word with its touches, and the same orbit in it.
+
+    None without such a word, or where a touch is a jump, so that the orbit is none of it.
+    """
+    here: Linearisation = event.point.evaluation
+    problem, rows = here.problem, here.problem.impacts(here.unknowns)
+    word = word_with_touches(event)
+    if word is None:
+        return None
+    for flight, wall, time in _last_first(touches_at(event)):
+        system = TouchingFlight(problem, flight, wall, time)
+        touch = system.touch(system.start(here))
+        letters = _excursion(problem, flight, wall) or ""
+        rows = _insert_impacts(
+            rows, flight, _excursion_impacts(problem, here.unknowns, letters, touch)
+        )
+    longer = problem_of(problem.model, word, problem.kernels)
+    unknowns = longer.with_impacts(rows, here.span, here.unknowns)
+    return (longer, unknowns) if is_same_orbit(longer.evaluate(unknowns)) else None
 
 
 def word_with_touches(event: OrbitEvent) -> Word | None:

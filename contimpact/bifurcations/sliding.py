@@ -531,6 +531,16 @@ def vanishing_impacts(problem: OrbitProblem, impact: int) -> tuple[int, ...]:
     return (impact,)
 
 
+SAME_ORBIT = 1e-4
+"""Part of their sizes within which the equations hold of an orbit whose word has changed; where an
+impact at rest is a jump, they are off by that jump."""
+
+
+def is_same_orbit(there: Linearisation) -> bool:
+    """Whether an orbit is one of the word that it has been given."""
+    return bool(np.max(np.abs(there.residual) / there.sizes[0]) < SAME_ORBIT)
+
+
 def remove_impacts(here: Linearisation, impact: int) -> tuple[OrbitProblem, Array] | None:
     """The problem of the word without an impact of zero velocity, and the same orbit in it.
 

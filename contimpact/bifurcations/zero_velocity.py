@@ -48,6 +48,7 @@ from .sliding import (
     INSTANT,
     TOUCHING,
     guard_at,
+    is_same_orbit,
     other_end_of,
     remove_impacts,
     sliding_kind_of_zero_duration,
@@ -301,10 +302,12 @@ def _impact_at_rest(here: CurvePoint) -> tuple[int, str, float]:
 
 def _remove_impact(here: Linearisation, details: Details) -> tuple[OrbitProblem, Array] | None:
     """As `remove_impacts`, with all others that vanish at this value; None where a contact that
-    lasts begins or ends at rest."""
+    lasts begins or ends at rest, or an impact at rest is a jump."""
     shorter = None if "flight" in details else remove_impacts(here, details["impact"])
     while shorter is not None:
         there = shorter[0].evaluate(shorter[1])
+        if not is_same_orbit(there):
+            return None
         test = ZeroVelocity(there.problem)
         others = [*_brief_contacts(there), *(k for k in there.resting if k in test.impacts)]
         if not others:

@@ -627,6 +627,8 @@ def _is_related(entry: Entry, transition: Transition) -> bool:
     periodic = [s for s in sides if s.word is not None and s.period is not None]
     if not periodic:
         return False
+    if entry.kind == "G" and not entry.word and any(s.kind == Kind.NO_IMPACT.value for s in sides):
+        return True
     return any(_repeats(s.word or "", s.period or 1, entry) for s in periodic) or (
         entry.becomes is not None
         and any(is_rotation(s.word or "", entry.becomes.split("/")[0]) for s in periodic)

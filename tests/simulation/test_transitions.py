@@ -374,3 +374,27 @@ def test_changes_from_and_to_no_impacts_are_named_by_the_event_that_lies_there()
         assert not any("no name" in line for line in change.lines("a"))
         (change,) = find_transitions(found, 1e-5, settling=QUICK)
         assert change.kind is None
+
+
+@pytest.mark.full
+def test_a_touch_that_is_a_jump_explains_the_motion_that_it_ends():
+    """A stop that kicks: no orbit with an impact is born where the motion without any touches it,
+    at the amplitude s sqrt((1 - w^2)^2 + c^2 w^2)."""
+    table = scene_table(
+        model={
+            "system": "hybrid",
+            "period": "2*pi/w",
+            "parameters": {"c": 0.1, "a": 0.4, "w": 1.3},
+            "modes": {"m": {"x": "v", "v": "-x - c*v + a*cos(w*t)"}},
+            "guards": {"H": {"within": "x <= 0.6", "set": {"v": "-0.6*v - 0.2"}}},
+        },
+        follow={"parameter": "a", "range": [0.3, 0.5], "orbits": ["0"], "switch": ["G"]},
+    )
+    kicked = read_scene(table)
+    diagram = follow(kicked)
+    found = sweep(kicked.model, "a", [0.08, 0.42, 0.43], settling=QUICK)
+    (change,) = find_transitions(found, 1e-5, settling=QUICK, diagram=diagram)
+    (entry,) = diagram.entries
+    assert (entry.label, list(entry.opens)) == ("G", [])
+    assert entry.value == pytest.approx(0.6 * math.hypot(1 - 1.3**2, 0.1 * 1.3), rel=1e-12)
+    assert (change.label, change.explanations[0].entry) == ("G[no impact->1]", entry.id)
