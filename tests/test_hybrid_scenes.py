@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from event_driven import TIGHT, Between, Walker, random_scene, row_of
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 from scipy.optimize import fsolve, minimize_scalar
 
 from contimpact.diagrams.explore import follow
@@ -299,3 +300,38 @@ def test_nothing_is_born_where_a_touch_is_a_jump():
         return [reached - 1, peak - 1, drive + a * math.cos(w * touched) - peak]
 
     assert touch.value == pytest.approx(fsolve(equations, [-0.3, 0.5, 1.4], xtol=1e-12)[2], 1e-9)
+
+
+@pytest.mark.full
+def test_impacts_at_once_on_several_surfaces_are_said_to_leave_the_word_beyond_open():
+    """A boost converter whose switch opens at a current and closes at a clock: in the doubled orbit
+    the current reaches its limit at the clock itself. Its stable branch ended without a word."""
+    table = {
+        "name": "boost",
+        "model": {
+            "system": "hybrid",
+            "period": 1,
+            "parameters": {"I": 2.7},
+            "modes": {
+                "on": {"i": "2", "u": "-u/2.4", "s": "1"},
+                "off": {"i": "2*(1 - u)", "u": "i/1.2 - u/2.4", "s": "1"},
+            },
+            "guards": {
+                "O": {"mode": "on", "within": "i <= I", "to": "off"},
+                "K": {"mode": "off", "within": "s <= 1", "to": "on", "set": {"s": 0}},
+                "J": {"mode": "on", "within": "s <= 1", "set": {"s": 0}},
+            },
+        },
+        "follow": {"parameter": "I", "range": [2.6, 2.85], "orbits": ["OKOK"], "switch": ["T"]},
+        "numerics": {"starts": 64},
+    }
+    diagram = follow(read_scene(table))
+    (first, *_) = ends = [e for e in diagram.entries if e.kind == "T" and not e.ghost]
+    notes = diagram.statistics["notes"]
+    assert all(any(n.startswith(f"{e.id} (T): OKO happen at once") for n in notes) for e in ends)
+    matrix = np.array([[0, -2], [1 / 1.2, -1 / 2.4]])
+    rest = np.linalg.solve(-matrix, [2.0, 0.0])
+    flow = expm(matrix)
+    equations = np.diag([1, math.exp(1 / 2.4)]) - flow
+    limit, _ = np.linalg.solve(equations, rest - flow @ rest + [2.0, 0.0])
+    assert first.value == pytest.approx(limit, rel=1e-11)

@@ -638,6 +638,18 @@ def exchanged_word(here: Linearisation, flight: int, rates: Array) -> Word | Non
     return None if word == problem.word else word
 
 
+def impacts_at_once(here: Linearisation, flight: int) -> str:
+    """Return the letters of the impacts that happen at the ends of a flight that takes no time, if
+    they are on several surfaces."""
+    problem, size = here.problem, here.problem.model.DEGREES_OF_FREEDOM
+    for impacts in _simultaneous_impacts(problem, here.unknowns):
+        rows = [guard_at(problem, k).row(size) for k in impacts]
+        pairs = itertools.combinations(rows, 2)
+        if flight in impacts[:-1] and not all(are_parallel(*pair) for pair in pairs):
+            return "".join(problem.word.walls[k] for k in impacts)
+    return ""
+
+
 def exchange_impacts(here: Linearisation, word: Word) -> tuple[OrbitProblem, Array] | None:
     """Return the problem of the word beyond, and the same orbit in it; None if it is none of it."""
     problem, span = here.problem, here.span

@@ -41,6 +41,7 @@ from .sliding import (
     ADDING,
     exchange_impacts,
     exchanged_word,
+    impacts_at_once,
     sliding_kind_of_zero_duration,
     tolerated_touches,
     where_added,
@@ -146,12 +147,15 @@ class T(Kind):
     def deeper(self, event: OrbitEvent) -> int | None:
         if without_flight(event.point.evaluation, event.details["flight"]) is not None:
             return 1
-        return None if _exchange_word(event) is None else 0
+        return 0 if _exchange_word(event) is not None or _impacts_at_once(event) else None
 
     def nothing(self, event: OrbitEvent) -> str:
         word = _exchange_word(event)
         if word is None:
-            return super().nothing(event)
+            together = _impacts_at_once(event)
+            if not together:
+                return super().nothing(event)
+            return f"{together} happen at once: as which word the motion continues is not known"
         return (
             f"the motion does not continue as {word}: the order of the impacts that happen at once "
             "decides what follows"
@@ -182,6 +186,10 @@ class T(Kind):
     def explains(self, change: Change) -> bool:
         """Where impacts merge, multipliers change too."""
         return True
+
+
+def _impacts_at_once(event: OrbitEvent) -> str:
+    return impacts_at_once(event.point.evaluation, event.details["flight"])
 
 
 def _exchange_word(event: OrbitEvent) -> Word | None:
