@@ -491,6 +491,10 @@ def _excursion_impacts(
         row = touch.copy()
         if kernels.arrival(a, b) == ELSEWHERE:
             row[1] = kernels.gap(a, b)(*rows[-1], 0.0, *values)[1]
+        if len(row) > 2:  # the other coordinates of the next guard, of which equations are linear
+            found = kernels.segment(a, b).blocks(rows[-1].tolist(), row.tolist(), values)
+            residual, by_end = np.array(found[0]), np.array(found[2]).reshape(len(row), -1)
+            row[2:] -= np.linalg.lstsq(by_end[:, 2:], residual)[0]
         rows.append(row)
     return rows
 

@@ -381,6 +381,22 @@ def test_stick_slip_begins_where_the_orbit_that_sticks_touches(impacting):
     assert event.value < fold.value < 0.58754
 
 
+@pytest.mark.full
+def test_the_slope_of_a_touch_before_an_excursion_is_that_of_the_branch_born_there(impacting):
+    """The impact's velocity beside the V at which it is zero, by central differences."""
+    branch = ci.continue_orbit(
+        impacting, "V", (0.58, 0.605), events=["V"], settings={"max_step": 0.02}
+    )
+    (event,) = branch.events
+    quiet = ci.continue_born(event, range=(0.5, 0.7), events=["G"])
+    (touch,) = [e for e in quiet.events if abs(e.value - event.value) < 1e-9]
+    assert touch.becomes == "IR"
+    values, speeds = branch["V"] - event.value, branch["v1"]
+    near = np.argsort(np.abs(values))[1:5]
+    slope, _ = np.polyfit(values[near], speeds[near] / values[near], 1)[::-1]
+    assert touch.slope == pytest.approx(slope, rel=1e-5)
+
+
 @pytest.mark.slow
 def test_stick_slip_has_the_orbit_of_dop853(impacting):
     V = impacting.value
