@@ -108,6 +108,9 @@ def check_way(points, walk, switched):
         assert not looked_for or explained_by(points, walk, i, lambda kind: kind.crossing)
 
 
+BLURRED = 1e-8
+"""Points nearer to each other are in no order: that is a hundred times what residuals may be."""
+
 UPRIGHT = 1e-12
 """A parameter's rate below this is that of a branch that turns at the point: its sign is rounding,
 as where a contact vanishes."""
@@ -132,7 +135,8 @@ def check_events(points, walk):
         rates = left.tangent[-1], right.tangent[-1]
         folds = [there for fold, there in zip(walk.events, own, strict=True) if fold.kind == "FB"]
         folded = any(left.arclength <= there <= right.arclength for there in folds)
-        if rates[0] * rates[1] > 0.0 and min(map(abs, rates)) > UPRIGHT and not folded:
+        apart = right.arclength - left.arclength > BLURRED
+        if rates[0] * rates[1] > 0.0 and min(map(abs, rates)) > UPRIGHT and apart and not folded:
             low, high = sorted(values[after - 1 : after + 1])
             slack = event.error + 1e-9 * (high - low) + 1e-12 * abs(high)
             assert low - slack <= event.parameter <= high + slack
@@ -191,7 +195,9 @@ def explained_by(points, walk, i, fits, j=None):
         for event in walk.events
         for way in {0.0, turn, -turn}
     ) or any(
-        min(missed.parameters) <= high and low <= max(missed.parameters) for missed in walk.missed
+        (min(missed.parameters) <= high and low <= max(missed.parameters))
+        or left.arclength <= missed.arclength <= right.arclength  # beyond both where it turns
+        for missed in walk.missed
     )
 
 
