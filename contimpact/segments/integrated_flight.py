@@ -52,15 +52,26 @@ def flown_of_series(field: str, directions: str, rows: Sequence[Sequence[Any]]) 
 
     Derivatives by the directions are known to the first order; beyond it they are numbers.
     """
+    return _in_parts(_float_series, field, directions, rows)
+
+
+def _in_parts(
+    fly: Callable[[str, str, Sequence[Sequence[Any]]], list[Any]],
+    field: str,
+    directions: str,
+    rows: Sequence[Sequence[Any]],
+) -> list[Any]:
+    """Series beyond the first order without directions, and derivatives by these as numbers."""
+    if len(rows[0]) <= 2 or not directions:
+        return fly(field, directions, rows)
+    values = fly(field, "", rows)
+    return [*values, *fly(field, directions, [row[:1] for row in rows])[len(values) :]]
+
+
+def _float_series(field: str, directions: str, rows: Sequence[Sequence[float]]) -> list[Any]:
     degree = len(rows[0]) - 1
     if degree == 0:
         return [[x] for x in flown(field, directions, *(row[0] for row in rows))]
-    if degree > 1 and directions:
-        values = flown_of_series(field, "", rows)
-        return [
-            *values,
-            *flown_of_series(field, directions, [row[:1] for row in rows])[len(values) :],
-        ]
     factors = np.array([math.factorial(order) for order in range(degree + 1)])
     given = np.array(rows, dtype=float) * factors
     found = run_flights(field, directions, given.T.reshape(1, -1), degree)
@@ -68,22 +79,7 @@ def flown_of_series(field: str, directions: str, rows: Sequence[Sequence[Any]]) 
         coefficients: list[list[float]] = (found.reshape(degree + 1, -1).T / factors).tolist()
         return coefficients
     with timed_plainly(flight_identity(field, directions, degree)):
-        return _series_results(field, directions, rows, 0)
-
-
-def _series_results(
-    field: str, directions: str, rows: Sequence[Sequence[Any]], bits: int
-) -> list[Any]:
-    """The same in numbers of any precision."""
-    degree, by = len(rows[0]) - 1, tuple(directions.split())
-    if degree == 0 or (degree > 1 and by):
-        numbers = [row[0] for row in rows]
-        tables = [[x] for x in integrator(field, by, 0, bits)(numbers)]
-        if degree == 0:
-            return tables
-        values = integrator(field, (), degree, bits).of_series(rows)
-        return [*values, *tables[len(values) :]]
-    return integrator(field, by, degree, bits).of_series(rows)
+        return integrator(field, tuple(directions.split()), degree).of_series(rows)
 
 
 def flown_of_arrays(field: str, directions: str, *numbers: Any) -> Array:
@@ -146,11 +142,12 @@ def rounding_scale(field: str, directions: str, numbers: Sequence[float], found:
 def _in_other_steps(field: str, directions: str, numbers: Sequence[float]) -> tuple[int, Array]:
     """How many steps a flight takes, and its results by others."""
     rows, limits = np.array([numbers]), np.array([1.0, 0.0])
-    if (found := run_flights(field, directions, rows, limits=limits)) is not None:
+    found = run_flights(field, directions, rows, limits=limits)
+    if found is not None and np.isfinite(found).all():
         steps = int(limits[1])
         limits[0] = TRIALS_APART / steps
         other = run_flights(field, directions, rows, limits=limits)
-        if other is not None and np.isfinite([found, other]).all():
+        if other is not None and np.isfinite(other).all():
             return steps, other[0]
     function = integrator(field, tuple(directions.split()))
     function(numbers)
@@ -177,10 +174,15 @@ def multiprecision_functions(ctx: Any) -> dict[str, Callable[..., Any]]:
         function = integrator(field, tuple(directions.split()), 0, ctx.prec)
         return [back(x) for x in function([real(x) for x in numbers])]
 
+    def series(field: str, directions: str, rows: Sequence[Sequence[Any]]) -> list[Any]:
+        function = integrator(field, tuple(directions.split()), len(rows[0]) - 1, ctx.prec)
+        if len(rows[0]) == 1:
+            return [[x] for x in function([row[0] for row in rows])]
+        return function.of_series(rows)
+
     def many_of_series(field: str, directions: str, rows: Sequence[Sequence[Any]]) -> list[Any]:
         given = [[real(c) for c in row] for row in rows]
-        return [
-            [back(x) for x in row] for row in _series_results(field, directions, given, ctx.prec)
-        ]
+        found = _in_parts(series, field, directions, given)
+        return [[back(x) for x in row] for row in found]
 
     return {"flown": many, "flown_of_series": many_of_series}

@@ -17,6 +17,7 @@ from contimpact.segments.integrated_flight import (
     flown_of_arrays,
     flown_of_series,
     flown_of_states,
+    rounding_scale,
 )
 from contimpact.segments.integration import SOME_STEPS, integrator, statement, text_of
 from contimpact.segments.machine_code import Program
@@ -165,6 +166,19 @@ def test_steps_of_a_flight_are_counted_and_as_short_as_they_have_to_be(
         assert limits[1] >= max(steps, math.ceil(1.0 / longest))
         assert limits[1] <= math.ceil(1.0 / longest) + 2 * steps
         assert found == pytest.approx(flown(field, "v0", *numbers), rel=1e-13, abs=1e-14)
+
+
+@needs_llvmlite
+def test_the_rounding_of_a_flight_of_very_many_steps_is_by_heyoka(kernel_cache, monkeypatch):
+    """Where compiled code has no result, what it leaves is no number of steps."""
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
+    field, directions, numbers = "a: -a*x0", "v0", [40.0, 0.0, 1.0, 1.0, 1.0]
+    found = np.array(integrator(field, (directions,))(numbers))
+    usual = rounding_scale(field, directions, numbers, found)
+    monkeypatch.setattr(taylor, "SOME_STEPS", 5)
+    monkeypatch.setattr(taylor, "FLOWN", "flown in five steps")
+    assert np.isnan(run_flights(field, directions, np.array([numbers]))).all()
+    assert rounding_scale(field, directions, numbers, found) == pytest.approx(usual, rel=20.0)
 
 
 @needs_llvmlite
