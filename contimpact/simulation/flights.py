@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import types
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -236,10 +237,11 @@ def integrated_arrival(
 ) -> tuple[int, float, float]:
     """Return side, time and velocity of the arrival at walls at these displacements.
 
-    The side is 0, and the time not a number, where the flow ceases to be finite before any impact.
-    Raises StepLimitError where a window as short as the first one takes too many steps.
+    The side is 0 after the longest flight, or where the motion has settled off the walls; the time
+    is not a number where the flow ceases to be finite before any impact. Raises StepLimitError
+    where a window as short as the first one takes too many steps.
     """
-    speed, passed, moved, length = left.velocity, 0.0, 0.0, FIRST * period
+    speed, passed, moved, length, widest = left.velocity, 0.0, 0.0, FIRST * period, 0.0
     while passed < longest * period and length > LEAST * period:
         numbers = [left.time + passed, left.position + moved, left.velocity, *left.parameters]
         try:
@@ -259,10 +261,36 @@ def integrated_arrival(
             side, dt, before, rising = first_hit(curve, *window)
             if side:
                 return side, passed + dt, before
+        settled = False
+        if length == period:
+            apart = max(abs(x), abs(speed - left.velocity) * period)
+            widest = max(widest, apart)
+            settled = _has_settled(curve, walls, apart, widest, left.position + moved)
         left = left._replace(velocity=speed)
         passed, moved = passed + length, moved + x
+        if settled:
+            break
         length = min(2.0 * length, period)
     return 0, passed if length > LEAST * period else math.nan, speed
+
+
+SETTLED = 1e-11
+"""Part of its size by which a settled motion differs from the one a period before."""
+APPROACH = 1e3
+"""Factor by which it has come nearer to it. Beside an unstable motion the difference would grow."""
+
+
+def _has_settled(
+    curve: IntegratedCurve, walls: tuple[float, float], apart: float, widest: float, position: float
+) -> bool:
+    """Whether a motion has come so near to one that repeats itself that it meets no wall later.
+
+    It moved by `apart` over this period, by `widest` at most over one before.
+    """
+    least, most = curve.bounds()
+    small = apart <= SETTLED * max(abs(position), most - least)
+    off = APPROACH * apart
+    return small and off <= widest and walls[0] < least - off and most + off < walls[1]
 
 
 def _clear(curve: IntegratedCurve, low: float, high: float) -> bool:
@@ -278,6 +306,8 @@ NODES = 67
 """Nodes at which a displacement is examined that is not resolved: not those of the acceleration."""
 SPREAD = 4.0
 """Variation of a displacement between the nodes, in terms of its higher coefficients."""
+FINER = 16
+"""Angles at which a displacement is interpolated, for each node."""
 
 T = TypeVar("T")
 
@@ -370,8 +400,8 @@ class FlightInState:
 
         The flight is that of the motion after a wall from the head, the velocity last.
 
-        They come piece by piece: an arrival spares those after it. A piece of many oscillations
-        that keep clear of the walls has its ends alone.
+        They come piece by piece: an arrival spares those after it. A window after the first that
+        keeps clear of the walls, and a piece of many oscillations that does, have their ends alone.
         """
         period, values = body.clock[0], body.values
         start, vectorised = window * period, evaluate_in(self.motions[wall], ARRAYS)
@@ -383,6 +413,9 @@ class FlightInState:
             x = motion(begin + chebyshev_nodes(NODES, length))[0]
             return keeps_clear(x, body.low[wall], body.high[wall])
 
+        if window and clear(0.0, period):
+            yield [start + period]
+            return
         least = self._release(body, wall, head[-1]) if window == 0 else 0.0
         way = self.motions[wall], head, values, start
         rounding, turns = rounding_along(*way), turns_along(*way)
@@ -399,11 +432,24 @@ class FlightInState:
 def keeps_clear(x: Array, low: float, high: float) -> bool:
     """Whether a displacement stays off both walls, from its values at `chebyshev_nodes`.
 
-    Between the nodes it may leave their range by what its higher coefficients say, oscillations
-    among them that the nodes do not resolve.
+    They are interpolated at FINER times as many angles, of which the cosine runs over the interval.
+    As a function of the angle a displacement is flat where it is largest, and there it has fallen
+    at the nearest one by no more than its second derivative says. Of its higher coefficients more
+    is allowed for, oscillations that the nodes do not resolve.
     """
-    rest = SPREAD * float(np.sum(np.abs(chebyshev_coefficients(x)[len(x) // 4 :])))
-    return bool(low + rest < np.min(x) and np.max(x) < high - rest)
+    table, falls = _finer(len(x))
+    coefficients = chebyshev_coefficients(x)
+    found, rest = table @ coefficients, float(falls @ np.abs(coefficients))
+    return bool(low + rest < np.min(found) and np.max(found) < high - rest)
+
+
+@functools.cache
+def _finer(nodes: int) -> tuple[Array, Array]:
+    """Chebyshev polynomials at the finer angles, and by how much each may differ between them."""
+    orders, count = np.arange(nodes), FINER * nodes
+    angles = np.pi / count * np.arange(count + 1)
+    falls = np.where(orders < nodes // 4, 0.5 * (0.5 * np.pi / count * orders) ** 2, SPREAD)
+    return np.cos(np.outer(angles, orders)), falls
 
 
 # Flights with any number of coordinates: how each gap coordinate moves, and the state they reach.

@@ -102,6 +102,17 @@ def test_what_is_not_resolved_does_not_keep_clear():
             assert not flights.keeps_clear(x, -1.0 - 0.99 * size, math.inf)
 
 
+@pytest.mark.parametrize("rate", [2.0, 2 * math.pi, 7.3, 12.0])
+def test_a_motion_between_the_nodes_is_not_passed_over(rate):
+    """Its largest value was taken from the nodes, up to a part in 400 below it."""
+    nodes = flight.chebyshev_nodes(flights.NODES, 1.0)
+    for phase in np.linspace(0.0, 1.0, 301):
+        x = np.cos(rate * (nodes - phase))
+        assert not flights.keeps_clear(x, -math.inf, 1.0)
+        assert not flights.keeps_clear(-x, -1.0, math.inf)
+        assert flights.keeps_clear(x, -math.inf, 1.0 + 2e-5 * max(1.0, rate / 6) ** 2)
+
+
 @pytest.mark.full
 def test_zeros_one_after_the_other_are_all_zeros():
     def function(t):
