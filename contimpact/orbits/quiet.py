@@ -106,13 +106,14 @@ def _forced_flight(kernels: Kernels, values: Mapping[str, float]) -> tuple[str, 
 def _changes(segment: Segment, model: Model, values: list[float]) -> Iterator[float]:
     """By which parts of their velocities flights from random states change if moved in time.
 
-    The long ones first: where a law has a pole, only short ones may have a value.
+    The long ones first: where a law has a pole, or differences grow, only short ones may have a
+    value.
     """
     m = model.unknowns_per_impact
     for duration in DURATIONS:
         for one, other in np.random.default_rng(0).normal(size=(PROBES, 2, m - 1)).tolist():
             try:
-                _, leaving, arriving, _ = segment.blocks([-duration, *one], [0.0, *other], values)
+                _, leaving, arriving, _ = segment.whole([-duration, *one], [0.0, *other], values)
             except (ArithmeticError, ValueError):
                 continue
             pairs = list(zip(leaving[::m], arriving[::m], strict=True))

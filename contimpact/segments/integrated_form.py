@@ -427,6 +427,16 @@ class IntegratedForm(Segment):
             return pieces
         return CombinedBlocks(*pieces.blocks())
 
+    def whole(self, start: Numbers, end: Numbers, values: Numbers) -> Blocks:
+        """Return `blocks` of a flight that is not long."""
+        found = self._whole(*map(float, (*start, *end)), *map(float, values))
+        if self._grows(found):
+            raise SplitFailure("a long flight is computed in pieces")
+        return found
+
+    def _grows(self, whole: Blocks) -> bool:
+        return differences_grow(whole[1], whole[2], self._m, self._walls[0] != SECTION)
+
     def second(self, start: Numbers, end: Numbers, along: Numbers, values: Numbers) -> Blocks:
         """Return the derivatives of `blocks` along a direction."""
         pieces = self.pieces(start, end, values)
@@ -470,7 +480,7 @@ class IntegratedForm(Segment):
         whole, failed = None, None
         try:
             whole = self._whole(*ends, *given)
-            if not differences_grow(whole[1], whole[2], self._m, self._walls[0] != SECTION):
+            if not self._grows(whole):
                 return whole
         except ArithmeticError as error:
             failed = error

@@ -317,6 +317,13 @@ class Segment:
         """
         return self._flight(*start, *end, *values)
 
+    def whole(self, start: Numbers, end: Numbers, values: Numbers) -> Blocks:
+        """Return `blocks` of a flight that is not computed in pieces.
+
+        Raises ArithmeticError where it would have to be.
+        """
+        return self.blocks(start, end, values)
+
     def over(self, arithmetic: Arithmetic) -> Callable[[Numbers, Numbers, Numbers], Blocks]:
         """Return `blocks` for the numbers of another arithmetic."""
         flight = evaluate_in(self._flight, arithmetic)
