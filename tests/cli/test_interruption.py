@@ -318,6 +318,7 @@ def test_crises_before_an_interruption_are_in_the_diagram(monkeypatch):
 
     monkeypatch.setattr("contimpact.diagrams.crises.collect_crises", interrupted)
     detect = {**SCENE["detect"], "crises": True}
-    part = follow(read_scene({**SCENE, "detect": detect}))
+    simulate = {"values": 3, "starts": 1}
+    part = follow(read_scene({**SCENE, "detect": detect, "simulate": simulate}))
     assert part.statistics["failure"] == "interrupted"
     assert "no crisis: the first" in part.statistics["notes"]

@@ -99,6 +99,8 @@ def test_what_an_interruption_left_out_is_not_passed_over(tmp_path, diagram, cap
         assert main(["range", str(tmp_path), *options]) == 0
         assert f"ended early ({until})" in capsys.readouterr().out
     assert not any("ended early" in note for note in attractor_ranges(diagram).notes)
+    first = replace(diagram.branches[0], events=diagram.branches[0].events[:1])
+    write_diagram(replace(diagram, branches=[first], statistics={"stopped": until}), tmp_path)
     commands = [["plot", "-o", str(tmp_path / "all.svg")]]
     if importlib.util.find_spec("flint"):
         commands += [["certify"], ["certify", "--verify"]]
