@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
@@ -323,7 +323,7 @@ def entry_of(event: Event, identity: str, branch: str, before: Point, after: Poi
     added = 0 if becomes is None else len(becomes) - len(word)
     multipliers, n_unstable = kind.multipliers(here, details)
     beside = before.evaluation, after.evaluation
-    verdict = kind.verdict_on_branch(here, details, beside)
+    verdict = _verdict_on_event(here, event, beside)
     ghost = n_unstable > 0 or not verdict.physical
     side, slope = kind.criticality(event, before, after)
     return Entry(
@@ -368,6 +368,22 @@ def entry_of(event: Event, identity: str, branch: str, before: Point, after: Poi
         sliding=kind.sliding(event),
         scenario=None if ghost else kind.scenario(event),
     )
+
+
+def _verdict_on_event(
+    here: Linearisation, event: Event, beside: tuple[Linearisation, Linearisation]
+) -> Verdict:
+    """The verdict on an event's orbit, in the clock in which its entry gives times."""
+    kind, problem, details = kind_of(event.kind), here.problem, event.details
+    found = kind.verdict_on_branch(here, details, beside)
+    late = -_shift_time(problem, here.unknowns, 0.0) if problem.word.walls else 0.0
+    if found.reason is None or late == 0.0 or problem.autonomous:
+        return found
+    unknowns, touch = here.unknowns.copy(), details.get("touch_time")
+    unknowns[: problem.n : problem.m] -= late
+    moved = details if touch is None else {**details, "touch_time": touch - late}
+    again = kind.verdict_on_branch(problem.evaluate(unknowns), moved)
+    return replace(found, reason=again.reason or found.reason)
 
 
 def orbit_record(here: Linearisation) -> dict[str, Any]:

@@ -204,6 +204,20 @@ def test_first_impact_is_in_the_first_period(catalogue):
             assert times[flight] < record["touch_time"] < after
 
 
+def test_reasons_count_time_as_their_entries_do(catalogue):
+    """A passage was told in the clock of the branch, up to whole periods off the impacts."""
+    told = r"flight (\d+) \(\w+ to \w+\) passes wall \w+ by \S+ at t = ([-+.\de]+)"
+    seen = 0
+    for entry in catalogue["entries"]:
+        times = [impact["time"] for impact in entry["impacts"]]
+        times.append(times[0] + 2.0 * entry["period"])
+        for flight, time in re.findall(told, entry["reason"] or ""):
+            begin, end = times[int(flight) - 1 : int(flight) + 1]
+            assert begin - 1e-4 <= float(time) <= end + 1e-4
+            seen += 1
+    assert seen > 10
+
+
 def test_no_number_that_json_does_not_have(folder):
     for name in ("catalogue.json", "manifest.json"):
         text = (folder / name).read_text(encoding="utf-8")
