@@ -290,12 +290,16 @@ UNBOUNDED, STILL = 1e6, 1e-9
 """How many times its size at the start a solution has that grows without bound, and the part of the
 parameter's size by which this changes while the solution outgrows itself once more."""
 
-SHORT_OF = (0.99, 0.9, 0.5)
+SHORT_OF = (0.99, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4)
 """Parts of the way to an end up to which it is seen whether an event is missed before it; nearer to
 an end where branches cross, no point may be reached."""
+SURE = 0.9
+"""Part of the way at which a value that has its sign tells that there is no zero before the end."""
+NEARLY = 0.999
+"""Part of such a part at which a value is about the same, but for rounding."""
 VANISHED = 1e-4
 """Part of a value before it of which the sign is that of rounding: a cubic zero has less at .99."""
-SAME_POWER = 0.5
+SAME_POWER = 0.25
 """How far powers may differ that are one: between two zeros and the end values are smaller."""
 
 AT_START = 1e-9
@@ -787,7 +791,8 @@ class _Walker:
         """Whether what is missed on an arc happens at the end that was found there, or beyond.
 
         Then no value has changed its sign just before it; or, where two zeros close to each other
-        are not excluded, it is one at the end: values fall as a power of what is left of the way.
+        are not excluded or values there are rounding, it is one at the end: values fall as a power
+        of what is left of the way.
         """
         way = (last.arclength - arc.left.arclength) / (arc.right.arclength - arc.left.arclength)
         place = slice(missed.index, None if missed.index is None else missed.index + 1)
@@ -795,12 +800,19 @@ class _Walker:
         first = np.concatenate([test.at(arc.left)[place] for test in tests])
         powers = []
         for part in SHORT_OF:
-            if (before := arc.at(part * way)) is None:
+            nearby = [arc.at(share * way) for share in (part, NEARLY * part)]
+            if None in nearby:
                 continue
             with np.errstate(divide="ignore", invalid="ignore"):
-                parts = np.concatenate([test.at(before)[place] for test in tests]) / first
-            if np.all(np.abs(parts) > VANISHED):
-                if missed.index is not None or not np.all(parts > 0.0):
+                parts, same = (
+                    np.concatenate([test.at(before)[place] for test in tests]) / first
+                    for before in nearby
+                    if before is not None
+                )
+                told = np.abs(parts - same) < 0.5 * np.abs(same)
+            if np.all(told & (np.abs(parts) > VANISHED)):
+                signed = missed.index is not None and part >= SURE
+                if signed or not np.all(parts > 0.0):
                     return bool(np.all(parts > 0.0))
                 powers.append(np.log(parts) / math.log(1.0 - part))
         return len(powers) > 1 and bool(np.all(np.ptp(powers, axis=0) < SAME_POWER))
