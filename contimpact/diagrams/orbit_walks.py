@@ -43,7 +43,7 @@ from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.quiet import FreeQuietProblem, QuietProblem, problem_of
 from ..orbits.search import mirror_orbit, reduce_period, rotate_to_word, solve_near
 from ..results.branch import Branch
-from ..results.diagram import entry_of, tabulate
+from ..results.diagram import entry_of, in_own_clock, tabulate
 from ..segments.compiling import note_uncompiled
 from ..segments.kernel import SECTION
 from ..segments.kernels import Kernels
@@ -508,7 +508,7 @@ class Run:
             parameter=problem.parameter,
             columns=tabulate(self.points, marks, self.borrowed),
             ends=(backward.end, forward.end),
-            events=entries,
+            events=list(map(in_own_clock, entries, events)),
             missed=missed_texts(problem.parameter, lost),
             origin=origin,
             notes=list(dict.fromkeys([*backward.notes, *forward.notes])),

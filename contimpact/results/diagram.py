@@ -323,7 +323,7 @@ def entry_of(event: Event, identity: str, branch: str, before: Point, after: Poi
     added = 0 if becomes is None else len(becomes) - len(word)
     multipliers, n_unstable = kind.multipliers(here, details)
     beside = before.evaluation, after.evaluation
-    verdict = _verdict_on_event(here, event, beside)
+    verdict = kind.verdict_on_branch(here, details, beside)
     ghost = n_unstable > 0 or not verdict.physical
     side, slope = kind.criticality(event, before, after)
     return Entry(
@@ -370,20 +370,22 @@ def entry_of(event: Event, identity: str, branch: str, before: Point, after: Poi
     )
 
 
-def _verdict_on_event(
-    here: Linearisation, event: Event, beside: tuple[Linearisation, Linearisation]
-) -> Verdict:
-    """The verdict on an event's orbit, in the clock in which its entry gives times."""
-    kind, problem, details = kind_of(event.kind), here.problem, event.details
-    found = kind.verdict_on_branch(here, details, beside)
+def in_own_clock(entry: Entry, event: Event) -> Entry:
+    """Return the entry of an event with the times in its reason those of its impacts, no longer
+    those of the branch's table."""
+    here: Linearisation = event.point.evaluation
+    problem, details = here.problem, event.details
     late = -_shift_time(problem, here.unknowns, 0.0) if problem.word.walls else 0.0
-    if found.reason is None or late == 0.0 or problem.autonomous:
-        return found
+    if entry.reason is None or late == 0.0 or problem.autonomous:
+        return entry
     unknowns, touch = here.unknowns.copy(), details.get("touch_time")
     unknowns[: problem.n : problem.m] -= late
     moved = details if touch is None else {**details, "touch_time": touch - late}
-    again = kind.verdict_on_branch(problem.evaluate(unknowns), moved)
-    return replace(found, reason=again.reason or found.reason)
+    verdict = kind_of(event.kind).verdict_on_branch(problem.evaluate(unknowns), moved)
+    if verdict.reason is None:
+        return entry
+    why = _ghost_reason(entry.n_unstable, verdict)
+    return replace(entry, reason=verdict.reason, why=why)
 
 
 def orbit_record(here: Linearisation) -> dict[str, Any]:
