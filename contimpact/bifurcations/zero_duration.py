@@ -107,7 +107,7 @@ class ZeroDuration(ScalarTest):
     def noise_of(self, problem: OrbitProblem, z: Array, index: int) -> float:
         turns = problem.word.period if index == len(problem.word) - 1 else 0
         span = turns * rounding_of_setup(problem, z).period
-        return span + 2.0 * EPSILON * float(np.max(np.abs(z)))
+        return span + 2.0 * EPSILON * float(np.max(np.abs(z[self.times])))
 
 
 @declared(place=7, born=True, continues=True)

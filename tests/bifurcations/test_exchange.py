@@ -293,3 +293,27 @@ def test_tori_are_looked_for_where_they_can_be():
     assert "NS" not in usual_events(ImpactPair(beta=0.5, s=0.3, r=0.3, A=5.0))
     scene = pair([("A", 1, "<=", E1), ("B", 2, "<=", E2)], orbits=["AB"]).resolved()
     assert scene["follow"]["switch"] == ["T"]
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-5])
+def test_the_error_of_an_exchange_does_not_depend_on_the_unit_of_time(unit):
+    """The boost converter's clock and limit at once: rounding of the largest rate, in amperes a
+    second, was added to that of times, and the error was 1e-6 where it is 1e-11."""
+    rates = {"s": "1/T", "i": "2/T", "u": "-u/2.4/T"}
+    model = {
+        "system": "hybrid",
+        "period": "T",
+        "parameters": {"I": 2.7, "T": unit},
+        "modes": {"on": rates, "off": rates | {"i": "2*(1 - u)/T", "u": "(i/1.2 - u/2.4)/T"}},
+        "guards": {
+            "O": {"mode": "on", "within": "i <= I", "to": "off"},
+            "K": {"mode": "off", "within": "s <= 1", "to": "on", "set": {"s": 0}},
+        },
+    }
+    asked = {"parameter": "I", "range": [2.6, 2.85], "orbits": ["OKOK"]}
+    scene = ci.read_scene({"name": "boost", "model": model, "follow": asked})
+    orbits = ci.find_orbits(scene.model, "OKOK", parameter="I", starts=64)
+    branches = [ci.continue_orbit(o, "I", (2.6, 2.85), events=["T"]) for o in orbits]
+    found = [event for branch in branches for event in branch.events]
+    assert found
+    assert all(event.error < 1e-10 for event in found)
