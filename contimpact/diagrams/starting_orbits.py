@@ -36,7 +36,7 @@ from ..orbits.search import (
 )
 from ..progress import Asked, Progress, ignore_progress, progress_lines
 from ..results.scene import Scene
-from ..segments.integration import limited_steps
+from ..segments.integration import StepLimitError, limited_steps
 from ..segments.kernels import Kernels
 
 if TYPE_CHECKING:
@@ -434,7 +434,10 @@ def not_found(
     with limited_steps(STEPS_ELSEWHERE) if not scene.survey else contextlib.nullcontext() as budget:
         for value in survey_values(scene):
             progress(f"looking for {word} at {scene.parameter} = {value:.6g}")
-            count = len(search_elsewhere(scene, kernels, word, value).orbits)
+            try:
+                count = len(search_elsewhere(scene, kernels, word, value).orbits)
+            except StepLimitError:  # solutions are left that have not been looked at
+                count = 0
             if budget is not None and budget.left <= 0 and not count:
                 break
             found = found.also_at(value, count)

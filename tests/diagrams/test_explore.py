@@ -24,10 +24,13 @@ from contimpact import (
 )
 from contimpact.bifurcations.doubling import DoublingTurns
 from contimpact.diagrams import starting_orbits
+from contimpact.models.guards import Word
 from contimpact.orbits.search import Search
 from contimpact.results.catalogue import catalogue_text
 from contimpact.results.diagram import Diagram
 from contimpact.results.diagram_reading import read, stable_intervals
+from contimpact.segments.integration import StepLimitError
+from contimpact.segments.kernels import Kernels
 
 pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
 
@@ -409,3 +412,17 @@ def test_elsewhere_few_starts_come_first(monkeypatch):
     with pytest.raises(InputError, match=r"\(256 random starts at each\)"):
         follow(small(orbits=["3:1"], survey=True))
     assert asked == 10 * [(256, 8)]
+
+
+def test_values_at_which_the_steps_of_integration_run_out_have_no_orbit(monkeypatch):
+    """A search that had used them up with solutions still to look at ended `check` and `run`."""
+
+    def out_of_steps(*given):
+        raise StepLimitError("flights have taken all steps of integration that they may")
+
+    scene = small()
+    monkeypatch.setattr(starting_orbits, "search_elsewhere", out_of_steps)
+    kernels = Kernels(scene.model, scene.parameter)
+    missing = starting_orbits.not_found(scene, kernels, Word("BBBBBT", 1))
+    assert missing.elsewhere == ()
+    assert missing.tried == len(starting_orbits.survey_values(scene))
