@@ -34,7 +34,7 @@ from ..segments.kernels import Kernels
 from ..segments.oscillation import Excursion, Moved, excursions
 from ..segments.segment import ARRAYS, Segment, evaluate_in
 from ..segments.track import IntegratedTrack, integrated_track, join_flights
-from .problem import INSTANTS, CyclicBlocks, Linearisation, OrbitProblem
+from .problem import INSTANTS, CyclicBlocks, Linearisation, OrbitProblem, motion_of
 
 BEYOND = 0.125
 """Part of a period for which an orbit without impacts is looked at beyond its end: no extremum is
@@ -452,6 +452,14 @@ class QuietProblem(OrbitProblem):
         return np.asarray(one - other)
 
 
+def largest_first(here: Linearisation) -> Array:
+    """Return the state on an orbit where the first coordinate is largest, of `TURNING_SAMPLES` on
+    each flight."""
+    motion = motion_of(here, TURNING_SAMPLES)
+    largest = np.argmax(motion.x[:, 0])
+    return np.array([motion.x[largest], motion.v[largest]]).T.ravel()
+
+
 class FreeQuietProblem(WithoutForcing, QuietProblem):
     """The equations of orbits without impacts in a system without forcing."""
 
@@ -482,6 +490,10 @@ class FreeQuietProblem(WithoutForcing, QuietProblem):
                 return self, once
         return self, unknowns
 
+    def later(self, unknowns: Array) -> list[Array]:
+        """Return none: without a forcing no orbit is another one a period of it later."""
+        return []
+
     def second_lap(self, unknowns: Array, moved: Array) -> tuple[Array, Array]:
         """Return an orbit run twice and its direction: the period does not move."""
         unknowns, moved = unknowns.copy(), moved.copy()
@@ -489,11 +501,16 @@ class FreeQuietProblem(WithoutForcing, QuietProblem):
         return unknowns, moved
 
     def from_touch(self, problem: OrbitProblem, unknowns: Array, impact: int) -> Array:
-        """Return the touch, where the gap coordinate turns, and the period."""
+        """Return the state where the first coordinate is largest on the orbit, and the period.
+
+        A touch of a guard above that coordinate is there itself, others are on the way.
+        """
         letter, section = problem.word.walls[impact], problem.impacts(unknowns)[impact, 1:].tolist()
-        walls = self.setup(unknowns).walls
-        row, place = self.model.guard(letter).row(self.m // 2), self.model.letters.index(letter)
-        state = np.array(state_before(row, walls[place], section)).T.ravel()
+        guard, place = self.model.guard(letter), self.model.letters.index(letter)
+        row = guard.row(self.m // 2)
+        state = np.array(state_before(row, self.setup(unknowns).walls[place], section)).T.ravel()
+        if any(row[1:]) or guard.side * row[0] < 0.0:
+            state = largest_first(Linearisation(problem, unknowns))
         state[1] = problem.span(unknowns)
         return state
 

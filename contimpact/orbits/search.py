@@ -35,7 +35,7 @@ from ..segments.kernels import Kernels
 from ..segments.segment import ELSEWHERE, STATES, VALUES
 from .orbit import Orbit
 from .problem import Linearisation, OrbitProblem
-from .quiet import FreeQuietProblem, QuietProblem, problem_of
+from .quiet import FreeQuietProblem, QuietProblem, largest_first, problem_of
 
 # When two sets of impacts are the same orbit: rotations of the word, and the model's symmetry.
 
@@ -651,13 +651,24 @@ def _search_turning(problem: FreeQuietProblem, generator: np.random.Generator) -
         state[1] = problem.next_turn(state, SPANS[1] * natural)
         here = solve_near(problem, np.append(state, free), TURNING_ITERATIONS)
         if here is not None and problem.moves(here.unknowns, units) and _is_regular(here):
-            known = [(o.period, *abs(o.multipliers)) for o in found]
-            own = (here.span, *abs(here.multipliers))
+            here = _from_largest(here, SAME_ORBIT * units[0])
+            own = here.unknowns[: problem.m] / units
+            known = (o.unknowns[: problem.m] / units for o in found)
             if not any(
                 np.allclose(own, other, rtol=SAME_ORBIT, atol=SAME_ORBIT) for other in known
             ):
                 found.append(Orbit(problem, here))
     return found
+
+
+def _from_largest(here: Linearisation, same: float) -> Linearisation:
+    """The same orbit from where the first coordinate is largest, if that turns more than once."""
+    largest = largest_first(here)
+    if not largest[0] > here.unknowns[0] + same:
+        return here
+    largest[1] = here.span
+    found = solve_near(here.problem, np.append(largest, here.unknowns[here.problem.m :]))
+    return here if found is None else found
 
 
 def _repeats_quietly(here: Linearisation) -> bool:

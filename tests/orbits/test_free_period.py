@@ -578,3 +578,84 @@ def test_a_cycle_is_found_in_other_units():
     (orbit,) = ci.find_orbits(model, "0", parameter="m")
     assert orbit.period == pytest.approx(VAN_DER_POL * time, rel=1e-13)
     assert orbit.unknowns[0] == pytest.approx(2.00861986087484 * length, rel=1e-13)
+
+
+def cycle_scene(law, within, **follow):
+    """A scene of a body of the law v' with a stop S there, whose position is followed."""
+    model = {
+        "system": "hybrid",
+        "period": 6.6,
+        "parameters": {"d": 1.95 if "<" in within else -1.95, "r": 0.8},
+        "modes": {"free": {"x": "v", "v": law}},
+        "guards": {"S": {"within": within, "set": {"v": "-r*v"}}},
+    }
+    asked = {"parameter": "d", "switch": ["V"], **follow}
+    return ci.read_scene({"name": "cycle", "model": model, "follow": asked})
+
+
+@integrated
+def test_a_cycle_is_one_branch_wherever_impacts_on_it_vanish():
+    """Without impacts a cycle begins where x is largest, also where it touches a stop at its
+    smallest x: begun there it was a second branch, bistable with the one that a search had found.
+    Where two V lead to one cycle, the run failed."""
+    scene = cycle_scene("(1 - x**2)*v - x", "x >= d", range=[-2.1, -1.94], orbits=["S"])
+    diagram = ci.follow(scene)
+    (cycle,) = (branch for branch in diagram.branches if branch.notation == "0")
+    vanish = [e for e in diagram.entries if e.kind == "V"]
+    assert len(vanish) > 1
+    assert {e.label.lstrip("~") for e in vanish} == {"V[1->0]"}
+    assert [e.value for e in vanish] == pytest.approx([-2.00861986087484] * len(vanish), rel=1e-13)
+    assert cycle.orbit(0).unknowns[0] == pytest.approx(2.00861986087484, rel=1e-13)
+
+
+@integrated
+def test_the_other_cycle_of_a_symmetric_pair_is_found():
+    """Both have one period and one multiplier, by which they were taken for one orbit; only one of
+    them touches the stop."""
+    scene = cycle_scene("x - x**3 + (0.9 - x**2)*v", "x <= d", range=[1.3, 2], orbits=["0"])
+    model = scene.model
+    law = {"fun": lambda t, z: [z[1], z[0] - z[0] ** 3 + (0.9 - z[0] ** 2) * z[1]], **TIGHT}
+    orbits = ci.find_orbits(model, "0", parameter="d")
+    for orbit in orbits:
+        start = [orbit.unknowns[0], 0.0]
+        motion = solve_ivp(t_span=(0, orbit.period), y0=start, **law)
+        assert motion.y[:, -1] == pytest.approx(start, abs=1e-10)
+        assert np.max(motion.y[0]) <= start[0] + 1e-10
+    _, left, right = sorted(orbits, key=lambda orbit: -orbit.period)
+    assert sorted([left.unknowns[0], right.unknowns[0]]) == pytest.approx([-0.42160386, 1.35324444])
+
+
+@integrated
+def test_sliding_that_vanishes_on_any_coordinate_leaves_the_cycle():
+    """Prey and predators that are harvested from a threshold on (Dercole et al. 2007): nothing
+    started where sliding vanishes, because its guard is not on the first coordinate."""
+    growth, limit = "1 - exp(x) - a*y/(b + exp(x))", "x >= log(d*b/(a - d))"
+    model = {
+        "system": "hybrid",
+        "period": 40,
+        "parameters": {"a": 0.3556, "b": 0.33, "d": 0.0444, "h": 2.3},
+        "modes": {
+            "low": {"x": growth, "y": "a*exp(x)/(b + exp(x))*y - d*y"},
+            "slide": {"x": growth.replace("y", "h")},
+        },
+        "guards": {
+            "S": {"mode": "low", "within": "y <= h", "to": "slide"},
+            "P": {"mode": "slide", "within": limit, "to": "low", "set": {"y": "h"}},
+        },
+    }
+    asked = {"parameter": "h", "range": [2.2, 2.6], "orbits": ["SP"], "switch": ["V"]}
+    diagram = ci.follow(ci.read_scene({"name": "prey", "model": model, "follow": asked}))
+    labels = {e.label.lstrip("~"): e.value for e in diagram.entries}
+    a, b, d = 0.3556, 0.33, 0.0444
+
+    def law(t, z):
+        eaten = a / (b + math.exp(z[0]))
+        return [1 - math.exp(z[0]) - eaten * z[1], (eaten * math.exp(z[0]) - d) * z[1]]
+
+    def largest(t, z):
+        return law(t, z)[1]
+
+    largest.direction = -1
+    motion = solve_ivp(law, (0, 700), [math.log(0.5), 0.5], events=largest, **TIGHT)
+    assert labels["V[1:1->0]"] == pytest.approx(motion.y_events[0][-1][1], rel=1e-10)
+    assert "0" in [branch.notation for branch in diagram.branches]
