@@ -28,6 +28,7 @@ class Field(sympy.Atom):
     """
 
     __slots__ = ("accelerations", "rates")
+    is_commutative = True
 
     def __new__(cls, accelerations: Sequence[Expr], rates: Sequence[Expr | None] = ()) -> Self:
         field: Self = super().__new__(cls)

@@ -10,7 +10,7 @@ import mpmath
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.optimize import brentq
+from scipy.optimize import brentq, fsolve
 
 import contimpact as ci
 from contimpact.accuracy.reference import Reference
@@ -659,3 +659,60 @@ def test_sliding_that_vanishes_on_any_coordinate_leaves_the_cycle():
     motion = solve_ivp(law, (0, 700), [math.log(0.5), 0.5], events=largest, **TIGHT)
     assert labels["V[1:1->0]"] == pytest.approx(motion.y_events[0][-1][1], rel=1e-10)
     assert "0" in [branch.notation for branch in diagram.branches]
+
+
+@integrated
+def test_the_simplest_walker():
+    """Its sines of what a nonlinear flight gives, less an angle, were refused as unreadable: SymPy
+    looked for ever for the sign in front of a sum that it did not take to commute. The gait is that
+    of Garcia, Chatterjee, Ruina and Coleman (1998)."""
+    law = {"a": "w", "w": "sin(a - g)", "b": "u"}
+    law["u"] = "sin(a - g) + (w**2 - cos(a - g))*sin(b)"
+    strike = {"a": "-a", "b": "-2*a", "w": "cos(2*a)*w", "u": "cos(2*a)*(1 - cos(2*a))*w"}
+    model = {
+        "system": "hybrid",
+        "period": 3.9,
+        "parameters": {"g": 0.009},
+        "modes": {"early": law, "late": law},
+        "guards": {
+            "M": {"mode": "early", "within": "a >= 0", "to": "late"},
+            "H": {"mode": "late", "within": "b - 2*a <= 0", "to": "early", "set": strike},
+        },
+    }
+    asked = {"parameter": "g", "range": [0.008, 0.016], "orbits": ["MH"]}
+    model = ci.read_scene({"name": "walker", "model": model, "follow": asked}).model
+    orbits = ci.find_orbits(model, "MH", parameter="g")
+    (gait,) = (orbit for orbit in orbits if orbit.stable)
+    motion = gait.motion(2)
+    assert np.min(motion.x[:, 0]) == pytest.approx(-0.200310900544287, abs=1e-12)
+    branch = ci.continue_orbit(gait, "g", (0.009, 0.016), events=["PD"])
+    (doubling,) = branch.events
+
+    def determinant(g):
+        """Of the strike's map plus one, at its fixed point."""
+
+        def field(t, z):
+            fall = math.sin(z[0] - g)
+            return [z[1], fall, z[3], fall + (z[1] ** 2 - math.cos(z[0] - g)) * math.sin(z[2])]
+
+        def upright(t, z):
+            return z[0]
+
+        def struck(t, z):
+            return z[2] - 2.0 * z[0]
+
+        upright.terminal = struck.terminal = True
+        upright.direction, struck.direction = -1, 1
+
+        def step(s):
+            z = [s[0], s[1], 2.0 * s[0], (1.0 - math.cos(2.0 * s[0])) * s[1]]
+            for event in (upright, struck):
+                z = solve_ivp(field, (0.0, 10.0), z, events=event, **TIGHT).y[:, -1]
+            return np.array([-z[0], math.cos(2.0 * z[0]) * z[1]])
+
+        fixed = fsolve(lambda s: step(s) - s, [0.2368, -0.2349], xtol=1e-12)
+        ahead, h = np.eye(2), 1e-5
+        change = [(step(fixed + h * e) - step(fixed - h * e)) / (2.0 * h) for e in ahead]
+        return float(np.linalg.det(np.transpose(change) + np.eye(2)))
+
+    assert doubling.value == pytest.approx(brentq(determinant, 0.01505, 0.01512), rel=1e-6)
