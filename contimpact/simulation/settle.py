@@ -321,10 +321,13 @@ def _time(simulator: Simulator, state: State | None) -> float:
 
 
 def _scatter(values: list[float]) -> float:
-    """Standard error of the mean, from the means of consecutive batches."""
+    """Standard error of the mean, from the means of consecutive batches; none of one that is
+    minus infinity."""
     size = len(values) // BATCHES
     if size < 1:
         return math.inf
+    if -math.inf in values:
+        return 0.0
     means = np.array(values[: size * BATCHES]).reshape(BATCHES, size).mean(axis=1)
     return float(means.std(ddof=1) / math.sqrt(BATCHES))
 

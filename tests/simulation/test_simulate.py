@@ -19,6 +19,7 @@ from scipy.integrate import solve_ivp
 
 from contimpact.errors import InputError
 from contimpact.orbits.search import find_orbits
+from contimpact.results.scene import read_scene
 from contimpact.segments import compiling, flight
 from contimpact.segments.flight import time_zeros, velocity_zero
 from contimpact.segments.kernels import Kernels
@@ -794,3 +795,23 @@ def test_many_short_runs_are_worth_it_too(pair, kernels_of, looked_for, monkeypa
             simulator.run(State(0, 0.14, 0.686), impacts=9)
     assert len(loops._ENGINES) == 1
     assert len(looked_for) == 2
+
+
+def test_motion_that_sticks_in_a_hybrid_scene_has_an_exponent_without_error():
+    """It forgets the past: minus infinity, whose scatter was NaN, with a warning of NumPy's."""
+    model = {
+        "system": "hybrid",
+        "period": "2*pi/w",
+        "parameters": {"w": 1.2, "r": 0.4},
+        "modes": {"free": {"x": "v", "v": "cos(w*t) - v/10 - x"}},
+        "guards": {"S": {"within": "x <= 0", "set": {"v": "-r*v/(1 + v/2)"}}},
+    }
+    asked = {"parameter": "w", "range": [1, 2], "orbits": ["S"]}
+    scene = read_scene({"name": "sticks", "model": model, "follow": asked})
+    simulator = Simulator(scene.model)
+    start = simulator.state("S", 0.1, 0.5)
+    run = simulator.run(start, impacts=200)
+    assert run.released.any()
+    found = exponents_of(simulator, start, run)
+    assert found.per_impact == (-math.inf, -math.inf)
+    assert found.error == 0.0
