@@ -335,3 +335,27 @@ def test_impacts_at_once_on_several_surfaces_are_said_to_leave_the_word_beyond_o
     equations = np.diag([1, math.exp(1 / 2.4)]) - flow
     limit, _ = np.linalg.solve(equations, rest - flow @ rest + [2.0, 0.0])
     assert first.value == pytest.approx(limit, rel=1e-11)
+
+
+def test_a_wall_before_another_is_not_passed():
+    """Two stops on one side: orbits that hit the second one had passed the first, which they do not
+    turn at, and were stable and physical."""
+    table = {
+        "name": "two",
+        "model": {
+            "system": "hybrid",
+            "period": "2*pi/w",
+            "parameters": {"a": 1.2, "w": 1.3, "r": 0.8, "first": 0.7, "second": 0.5},
+            "modes": {"free": {"x": "v", "v": "a*cos(w*t) - v/10 - x"}},
+            "guards": {
+                "S": {"within": "x <= second", "set": {"v": "-r*v"}},
+                "R": {"within": "x <= first", "set": {"v": "-v/2"}},
+            },
+        },
+        "follow": {"parameter": "first", "range": [0.3, 0.8], "orbits": ["S"]},
+        "numerics": {"starts": 32},
+    }
+    for branch in follow(read_scene(table)).branches:
+        beyond = branch.columns["first"] > 0.5
+        assert not np.any(branch.physical[~beyond])
+        assert np.all(branch.physical == branch.physical[-1] * beyond)

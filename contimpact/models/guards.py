@@ -208,12 +208,19 @@ def rival_guards(guards: Sequence[Guard], size: int) -> Iterator[tuple[Guard, Gu
     Where the second one's position is by this factor larger, too, nothing says which guard is met.
     """
     for one, other in itertools.combinations(guards, 2):
-        first, second = one.row(size), other.row(size)
-        place = pivot(first)
-        factor = second[place] / first[place]
-        together = {*one.modes} & {*other.modes} and one.past == other.past
-        if together and are_parallel(first, second) and factor * one.side * other.side > 0:
+        factor = rival_factor(one, other, size)
+        if factor is not None:
             yield one, other, factor
+
+
+def rival_factor(one: Guard, other: Guard, size: int) -> Any:
+    """Return by what factor the gap coordinate of a guard's rival is larger; None of no rival."""
+    first, second = one.row(size), other.row(size)
+    place = pivot(first)
+    factor = second[place] / first[place]
+    together = {*one.modes} & {*other.modes} and one.past == other.past
+    rivals = together and are_parallel(first, second) and factor * one.side * other.side > 0
+    return factor if rivals else None
 
 
 def graph(guards: Sequence[Guard]) -> dict[str, str]:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ..errors import InputError
-from ..models.guards import are_parallel, following_letters, orders_of
+from ..models.guards import are_parallel, following_letters, orders_of, rival_factor
 from ..models.model import Model
 from ..models.sources import digests
 from ..storage import cache_folder, load_file, logger, reason, store_file, warn_uncached
@@ -193,16 +193,18 @@ class Kernels:
         ]
 
     def guards_behind(self, reached: int) -> list[int]:
-        """Return the guards of the modes that one ends which the mode after it does not have, of
-        other gap coordinates: a flight may end beyond them."""
+        """Return the guards of the modes that one ends beyond which a flight may end: of other gap
+        coordinates, where the mode after it does not have them; and its rivals, on surfaces that
+        the flight may have met before."""
         guards, size = self.model.WALLS, self.model.DEGREES_OF_FREEDOM
-        ended, after = {*guards[reached].modes}, guards[reached].next_mode
-        return [
-            k
-            for k, guard in enumerate(guards)
-            if {*guard.modes} & ended and after not in guard.modes and not guard.past
-            if not are_parallel(guard.row(size), guards[reached].row(size))
-        ]
+        own, found = guards[reached], []
+        for k, guard in enumerate(guards):
+            left_behind = {*guard.modes} & {*own.modes} and own.next_mode not in guard.modes
+            aside = left_behind and not are_parallel(guard.row(size), own.row(size))
+            rival = k != reached and rival_factor(own, guard, size) is not None
+            if (aside or rival) and not guard.past:
+                found.append(k)
+        return found
 
     def segment(self, start: str, end: str) -> Segment:
         """The segment from one wall to another, by their letters.
