@@ -14,12 +14,12 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from ..arrays import Array
+from ..arrays import Array, Vector
 from ..models.guards import Guard, Row, slides_at, state_before
 from ..models.model import Model
 from .flight import FlightGaps, Touch, breaks_of, flight_gaps, smallest_gap, touch_of
 from .kernels import Kernels
-from .oscillation import SMALLEST, Excursion, Motion, excursions, gap_at_rest, speed_at_end
+from .oscillation import SMALLEST, Excursion, Motion, Moved, excursions, gap_at_rest, speed_at_end
 from .segment import ELSEWHERE, Kernel
 from .track import IntegratedTrack, Track, track_between, track_of
 
@@ -244,7 +244,9 @@ def _touches(
     number, (left, reached), start, length, arriving, motions = flight
     touches: list[Touch | None] = [None] * len(positions)
     slowest = math.nan
-    for (motion, breaks), numbers in zip(motions, coordinates(kernels.model).values(), strict=True):
+    for seen, numbers in zip(motions, coordinates(kernels.model).values(), strict=True):
+        rests = not {*passages.resting(left)}.isdisjoint(numbers)
+        motion, breaks = _from_rest(seen, BRIEF * length) if rests else seen
         leaving = passages.leaving[left] if left in numbers else 0.0
         here = reached in numbers
         speed = arriving if here else speed_at_end(motion((), length, ()), length)
@@ -261,6 +263,18 @@ def _touches(
         if not abs(found[4]) >= abs(slowest):
             slowest = found[4]
     return touches, slowest
+
+
+def _from_rest(seen: Seen, brief: float) -> Seen:
+    """What is seen of a coordinate that rests on a surface where the flight begins, from shortly
+    after it on: where the acceleration vanishes, too, as where a contact ends, rounding turns it.
+    """
+    motion, breaks = seen
+
+    def later(head: Vector, dt: float, p: Vector) -> Moved:
+        return motion(head, max(dt, brief), p)
+
+    return later, [dt for dt in breaks if dt > brief]
 
 
 def _is_at_start(touch: Touch | None, flight: Flight, position: float) -> bool:

@@ -716,3 +716,28 @@ def test_the_simplest_walker():
         return float(np.linalg.det(np.transpose(change) + np.eye(2)))
 
     assert doubling.value == pytest.approx(brentq(determinant, 0.01505, 0.01512), rel=1e-6)
+
+
+@integrated
+def test_a_contact_that_ends_without_force_touches_nothing():
+    """A ball that does not bounce rides on a table until that falls faster: the flight begins with
+    no velocity and no acceleration, and rounding made it pass the table or graze it, at dozens of
+    values. It returns as the next flight would begin at A = sqrt(1 + pi^2)."""
+    model = {
+        "system": "hybrid",
+        "period": "2*pi",
+        "parameters": {"A": 2.0},
+        "modes": {"fly": {"y": "v", "v": "A*cos(s) - 1", "s": "1"}, "ride": {"s": "1"}},
+        "guards": {
+            "I": {"mode": "fly", "within": "y >= 0", "to": "ride", "set": {"s": "s - 2*pi"}},
+            "L": {"mode": "ride", "within": "s <= -acos(1/A)", "to": "fly"},
+        },
+    }
+    model["guards"]["L"]["set"] = {"y": "0", "v": "0"}
+    asked = {"parameter": "A", "range": [1.1, 3.4], "orbits": ["IL"], "switch": []}
+    diagram = ci.follow(ci.read_scene({"name": "plastic", "model": model, "follow": asked}))
+    (event,) = diagram.entries
+    assert event.kind == "T"
+    assert event.value == pytest.approx(math.hypot(1.0, math.pi), rel=1e-12)
+    (branch,) = diagram.branches
+    assert list(branch.physical) == list(branch.columns["A"] <= event.value)
