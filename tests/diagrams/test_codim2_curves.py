@@ -26,6 +26,8 @@ from contimpact.segments.kernels import Kernels
 from contimpact.storage import read_bounded
 from contimpact.systems.impact_pair import ImpactPair
 
+pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
+
 PANELS = {
     "A": ({"A": 5.0, "s": 0.4}, "s", (0.03, 1.2)),
     "s": ({"A": 7.0, "s": 0.5}, "A", (0.8, 40.0)),

@@ -19,6 +19,8 @@ from contimpact.systems.oscillator import Oscillator
 from contimpact.systems.pendulum import Pendulum
 from contimpact.systems.two_masses import TwoMasses
 
+pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
+
 ROOT = Path(__file__).parents[2]
 
 OSCILLATOR = {"a": 1.0, "omega": 1.3, "c": 0.1, "k": 1.0, "sigma": 0.5, "r": 0.8}
@@ -84,6 +86,7 @@ def test_two_masses():
 @pytest.mark.full
 def test_searches_for_events_stay_near(monkeypatch):
     """Where no branches cross, the search for it does not wander off along ever longer flights."""
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "never")
     asked, steps = [], Integrator._propagate
 
     def noted(integrator, *given, **more):

@@ -32,6 +32,8 @@ from contimpact.systems.membrane import Membrane
 from contimpact.systems.soft_pair import FrictionalSoftPair, SoftPair
 
 FIG7 = {"beta": math.pi / 6, "A": 5.0, "s": 0.45}
+pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
+
 RIGID = FIG7 | {"r": 0.3}
 TABLE = {"k": Membrane().K, "nu": Membrane().nu}
 
