@@ -212,22 +212,12 @@ def _save_plots(scene: Scene, diagram: Diagram, files: Files) -> None:
                 diagram.curves, files.folder, plot.formats, diagram.checks, units, diagram.areas
             )
         )
-    own = _scene_member(scene, diagram)
+    own = diagram.at(scene.model.values)
     look: dict[str, Any] = dataclasses.asdict(plot)
     formats, unit = look.pop("formats"), scene.model.unit(plot.x)
     del look["html"]
     look |= {"unit": unit, "membrane": scene.energy}
     files.add(lambda: save_diagram(own, files.folder, formats, **look))
-
-
-def _scene_member(scene: Scene, diagram: Diagram) -> Diagram:
-    """The diagram without the branches at other values of a family's or the second parameter."""
-    curves = scene.curves
-    if curves is None:
-        return diagram
-    names = [curves.parameter, *([curves.family[0]] if curves.family else [])]
-    own = [b for b in diagram.branches if all(b[n][0] == scene.model.values[n] for n in names)]
-    return dataclasses.replace(diagram, branches=own)
 
 
 def _summary(scene: Scene, diagram: Diagram, ghosts: bool) -> None:
@@ -238,7 +228,7 @@ def _summary(scene: Scene, diagram: Diagram, ghosts: bool) -> None:
     if unasked and any(None in interval.bounds for interval in reading.stable):
         say(f"where a status changes at no event: detect.events without {', '.join(unasked)}")
     for branch in diagram.branches:
-        say_branch(branch, scene.model.DERIVED[:1], ghosts)
+        say_branch(branch, scene.model.DERIVED[:1], ghosts, reading.places.get(branch.id, ""))
     if not ghosts and any(entry.ghost for entry in diagram.entries):
         say("ghosts are events of orbits that are not observable there; --ghosts lists them, too")
     for curve in (*diagram.curves, *diagram.codim2_curves):
@@ -260,12 +250,13 @@ def _summary(scene: Scene, diagram: Diagram, ghosts: bool) -> None:
         say(note)
 
 
-def say_branch(branch: Branch, derived: Sequence[str], ghosts: bool) -> None:
-    """Print a branch with its ends and events, of which ghosts may be only counted."""
+def say_branch(branch: Branch, derived: Sequence[str], ghosts: bool, place: str = "") -> None:
+    """Print a branch with its ends and events, of which ghosts may be only counted; `place` says
+    where it is."""
     values = branch[branch.parameter]
     say(
         f"{branch.id}  {branch.notation:8} {count_text(len(branch), 'point')}, "
-        f"{branch.parameter} from {values.min():.6g} to {values.max():.6g}"
+        f"{branch.parameter} from {values.min():.6g} to {values.max():.6g}{place}"
     )
     for end in dict.fromkeys(end.message for end in branch.ends):
         say(f"      {end}")

@@ -36,7 +36,7 @@ from ..results.catalogue import (
     simulation_remarks,
 )
 from ..results.diagram import Diagram
-from ..results.diagram_reading import Interval
+from ..results.diagram_reading import Interval, places_of
 from ..schema import build_record, fit_value
 from ..segments.kernels import Kernels
 from ..simulation.attractor import Kind
@@ -221,9 +221,11 @@ def attractor_ranges(
         found = f"the parameters {', '.join(sorted(parameters))}" if parameters else "no attractor"
         raise InputError("diagram", found, "give branches and a sweep along one parameter")
     parameter = parameters.pop()
+    diagram, others = _at_one_place(diagram, sweep)
     reading = diagram.reading
     motions = [_of_branch(diagram, interval) for interval in reading.stable]
     notes = [reading.incomplete] if diagram.branches else []
+    notes += others
     if mirrored := [i for i in reading.stable if _has_mirror_image(diagram, i, sweep)]:
         names = ", ".join(dict.fromkeys(f"{i.notation} on {i.branch}" for i in mirrored))
         notes.append(f"the mirror images of {names} are attractors, too, and not listed")
@@ -319,6 +321,23 @@ def ranges_in(folder: Path, diagram: Diagram, model: Model | None = None) -> Ran
     about: Any = {"coverage": coverage, "brackets": brackets, "fractions": shares}
     ranges = attractor_ranges(diagram, found, **about)
     return replace(ranges, notes=[*simulation_remarks(place), *ranges.notes])
+
+
+def _at_one_place(diagram: Diagram, sweep: Sweep | None) -> tuple[Diagram, list[str]]:
+    """The diagram at the values of the sweep, or else of its first branch, and what is left out."""
+    if sweep is not None and sweep.rows:
+        found = sweep.rows[0].attractor
+        own = diagram.at({name: found[name] for name in sweep.model.values})
+    elif diagram.branches:
+        first = diagram.branches[0]
+        own = diagram.at({name: first[name][0] for name in first.constant})
+    else:
+        return diagram, []
+    if not (left := len(diagram.branches) - len(own.branches)):
+        return own, []
+    place = places_of(diagram.branches).get(own.branches[0].id) if own.branches else ""
+    here = place or " at the values of the sweep"
+    return own, [f"branches{here} alone; {count_text(left, 'other')} left out"]
 
 
 # Stable orbits of branches.

@@ -185,6 +185,27 @@ class Diagram(NotebookResult):
         """Return the orbit of an entry, or of that of a name; see `Entry.orbit`."""
         return (name if isinstance(name, Entry) else self.entry(name)).orbit(model)
 
+    def at(self, values: Mapping[str, float]) -> Diagram:
+        """Return the diagram without the branches that are elsewhere, as at another angle.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            Of parameters. A branch along which one of them keeps another value is left out.
+
+        Returns
+        -------
+        Diagram
+        """
+        own = [
+            branch
+            for branch in self.branches
+            if all(
+                branch[name][0] == values[name] for name in {*values}.intersection(branch.constant)
+            )
+        ]
+        return replace(self, branches=own)
+
     @property
     def reading(self) -> Reading:
         """What the diagram says: where orbits are stable, and the transitions between them."""

@@ -30,7 +30,7 @@ from ..bifurcations.grazing import JUMP, G
 from ..bifurcations.kind import Scenario
 from ..continuation.branch import EndKind
 from ..errors import explain_arguments
-from .branch import UNKNOWN, Branch, Entry
+from .branch import UNKNOWN, Branch, Entry, find_imported_system
 
 
 @dataclass(frozen=True)
@@ -185,6 +185,8 @@ class Reading:
     """What is seen beyond grazings of observable orbits; none of files of earlier versions."""
     labels: Mapping[str, str] = field(default_factory=dict, repr=False)
     """The label of each event by its name, for words; the catalogue has them with its entries."""
+    places: Mapping[str, str] = field(default_factory=dict, repr=False)
+    """Where each branch is, for words, if not all are at the same values; see `places_of`."""
 
     @property
     def incomplete(self) -> str:
@@ -194,7 +196,7 @@ class Reading:
     def as_record(self) -> dict[str, Any]:
         """Return plain data."""
         lists = asdict(self)
-        del lists["survey"], lists["labels"]  # the catalogue's own keys
+        del lists["survey"], lists["labels"], lists["places"]  # the catalogue's own keys
         for interval in (*lists["stable"], *lists["unknown"]):
             del interval["rows"]
         for name in ("crises", "scenarios"):
@@ -206,13 +208,13 @@ class Reading:
         lines = [sentence_of(i) for i in self.unknown]
         lines += [
             f"stable   {i.branch:4} {i.notation:10} {i.low:.9g} to {i.high:.9g}"
-            + f"  ({' to '.join(map(self._bound, i.bounds))})"
+            + f"  ({' to '.join(map(self._bound, i.bounds))}){self.places.get(i.branch, '')}"
             for i in self.stable
         ]
         lines += [] if self.stable else ["stable   none of the orbits that were followed"]
         lines += [
             f"bistable {' and '.join(b.branches):9} {' and '.join(b.notations)}: "
-            f"{b.low:.9g} to {b.high:.9g}"
+            f"{b.low:.9g} to {b.high:.9g}{self.places.get(b.branches[0], '')}"
             for b in self.bistable
         ]
         lines.append(self.incomplete)
@@ -282,8 +284,27 @@ def read(diagram: DiagramSurvey) -> Reading:
     ]
     return Reading(
         *(stable, _bistable(stable, member), transitions, diagram.survey, unknown, crises),
-        *(scenarios, labels),
+        *(scenarios, labels, places_of(diagram.branches)),
     )
+
+
+@explain_arguments
+def places_of(branches: Sequence[Branch]) -> dict[str, str]:
+    """Return in words, for each branch, the values of the parameters that no branch varies and not
+    all share, derived ones left out; nothing where all share them."""
+    kinds = map(find_imported_system, {branch.system for branch in branches})
+    derived = {name for kind in kinds if kind for name in kind.DERIVED}
+    constant = [{name: float(b[name][0]) for name in b.constant} for b in branches]
+    names = [
+        name
+        for name in (constant[0] if constant else ())
+        if name not in derived and len({one.get(name) for one in constant}) > 1
+        if all(name in one for one in constant)
+    ]
+    if not names:
+        return {}
+    told = [", ".join(f"{name} = {one[name]:.6g}" for name in names) for one in constant]
+    return {branch.id: f" at {text}" for branch, text in zip(branches, told, strict=True)}
 
 
 TURNED = 1e-6

@@ -200,7 +200,8 @@ class _Found:
     def rows(self, task: Task) -> Rows:
         """The rows of what there is."""
         assert self.diagram is not None
-        rows = diagram_rows(self.diagram, task.keep, task.derived)
+        values = read_scene(task.scene).model.values
+        rows = diagram_rows(self.diagram, task.keep, task.derived, values)
         if self.simulation is not None:
             membrane = read_scene(task.scene).energy
             rows |= simulation_rows(self.simulation, task.keep, membrane)
@@ -237,8 +238,10 @@ def versions() -> str:
 Rows = dict[str, list[dict[str, Any]]]
 
 
-def diagram_rows(diagram: Diagram, keep: Sequence[str], derived: str | None) -> Rows:
-    """Return the rows of a diagram."""
+def diagram_rows(
+    diagram: Diagram, keep: Sequence[str], derived: str | None, values: Mapping[str, float]
+) -> Rows:
+    """Return the rows of a diagram; it is read at the values of its scene alone."""
     rows: Rows = {
         "branches": [_branch(branch, "tables" in keep) for branch in diagram.branches],
         "events": [
@@ -251,7 +254,7 @@ def diagram_rows(diagram: Diagram, keep: Sequence[str], derived: str | None) -> 
         ],
     }
     if "readings" in keep:
-        rows |= _readings(diagram, read(diagram), derived)
+        rows |= _readings(diagram, read(diagram.at(values)), derived)
     if "curves" in keep:
         rows["curves"] = _curves(diagram)
         rows["codimension_two"] = _codimension_two(diagram, derived)

@@ -241,6 +241,25 @@ def test_orbits_born_at_a_pitchfork_end_there():
     assert born.high.error > 0.0
 
 
+def test_branches_at_other_values_of_a_second_parameter_are_no_attractors_here():
+    diagram = ci.load_diagram(ROOT / "branches/fig6_s")
+    first = diagram.branches[0]
+    own = {b.id for b in diagram.branches if b["r"][0] == first["r"][0]}
+    assert len(own) < len(diagram.branches)
+    found = attractor_ranges(diagram)
+    assert {motion.branch for motion in found.motions} <= own
+    left = len(diagram.branches) - len(own)
+    assert f"branches at r = 0.5 alone; {left} others left out" in found.notes
+    still = ci.ImpactPair(beta=0.3, r=0.5, A=5.0, s=0.5)
+    (note,) = (n for n in attractor_ranges(diagram, sweep(still, "A", [5.0])).notes if "left" in n)
+    assert (
+        note
+        == f"branches at the values of the sweep alone; {len(diagram.branches)} others left out"
+    )
+    told = str(diagram.reading)
+    assert " at r = 0.5\n" in told
+
+
 def test_refusals():
     with pytest.raises(InputError, match="no attractor"):
         attractor_ranges(Diagram("empty", []))

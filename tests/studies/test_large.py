@@ -29,7 +29,7 @@ def filled(path, studies, scenes):
     """A store of many scenes, made of the events of real ones."""
     study = read_study(study_given())
     given = [study.scene_at(values) for values in study.points[1]]
-    rows = [diagram_rows(follow(read_scene(g)), ("readings",), "d") for g in given]
+    rows = [diagram_rows(follow(read_scene(g)), ("readings",), "d", {}) for g in given]
     with Store(path) as store:
         store.connection.execute("PRAGMA synchronous = OFF")
         number = 0
@@ -101,7 +101,7 @@ class Here(Executor):
         return future
 
 study = read_study(study_given())
-rows = diagram_rows(follow(read_scene(study.scene_at(study.points[1][0]))), ("readings",), "d")
+rows = diagram_rows(follow(read_scene(study.scene_at(study.points[1][0]))), ("readings",), "d", {})
 outcome = Outcome("done", 0.1, "{}", rows, 10, 100)
 grid = {"beta": {"from": 0.3, "to": 0.5, "count": int(sys.argv[3])}, "r": [0.3]}
 with Store(sys.argv[2]) as store:

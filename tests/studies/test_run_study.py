@@ -18,15 +18,16 @@ from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 import pytest
 import small_studies
 from small_studies import TOML, computed, computed_here, contents, study_given
+from zoo import ROOT
 
-from contimpact import follow, load_entries, read_scene
+from contimpact import follow, load_diagram, load_entries, read_scene
 from contimpact.cli import main
 from contimpact.diagrams.scene_simulation import simulate
 from contimpact.errors import InputError
 from contimpact.results.catalogue import branch_text, catalogue_text, curve_text
 from contimpact.simulation.energy import attractor_voltages
 from contimpact.studies import executors, run
-from contimpact.studies.run import BudgetError, Task, WorkersLostError, compute
+from contimpact.studies.run import BudgetError, Task, WorkersLostError, compute, diagram_rows
 from contimpact.studies.store import Store, decompress_text
 from contimpact.studies.study import Study
 from contimpact.studies.study_file import read_study
@@ -507,3 +508,10 @@ def test_scenes_that_failed_are_told_also_of_earlier_runs(
         assert "2 failed and 2 incomplete: SELECT * FROM failures; --again" in told
     assert main(["atlas", store, "-o", str(tmp_path / "maps"), "--no-plot"]) == 0
     assert "small: of 4 scenes: 2 failed, 2 incomplete; values" in capsys.readouterr().err
+
+
+def test_a_scene_is_read_at_its_own_values():
+    diagram = load_diagram(ROOT / "branches/fig6_s")  # curves of it start at further values of r
+    rows = diagram_rows(diagram, ("readings",), "d", {"r": 0.5})
+    own = {branch.id for branch in diagram.branches if branch["r"][0] == 0.5}
+    assert {row["branch"] for row in rows["intervals"]} <= own < {b.id for b in diagram.branches}
