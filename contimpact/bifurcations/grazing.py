@@ -25,6 +25,7 @@ velocity, too, but either way: its second derivative along the new branch decide
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
@@ -32,6 +33,7 @@ from itertools import pairwise
 import numpy as np
 
 from ..continuation.branch import Between, EndKind, Location, Point, Problem, TestFunction
+from ..errors import InputError
 from ..models.guards import Guard, Word, is_path, way_back
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
@@ -708,10 +710,21 @@ def scenario_of(event: OrbitEvent, start: Start | None, touches: int) -> Scenari
     seen = []
     for n, ends in found:
         low, high = sorted(value + scale * end for end in ends)
+        if not (low < value < high or _admitted(here.problem, low, high)):
+            continue
         word = Word(short.walls * (n - 1) + long.walls, n * short.period)
         notation = word.notation(here.problem.model.letters)
         seen.append(Window(n, notation, _finite(low), _finite(high)))
     return Scenario(name, None, *given, tuple(seen))
+
+
+def _admitted(problem: OrbitProblem, *values: float) -> bool:
+    """Whether the model admits one of these values of the followed parameter."""
+    for value in filter(math.isfinite, values):
+        with contextlib.suppress(InputError):
+            problem.model.replace(**{problem.parameter: value})
+            return True
+    return False
 
 
 def _finite(value: float) -> float | None:

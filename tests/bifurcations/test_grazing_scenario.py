@@ -304,3 +304,16 @@ def test_scenarios_are_kept_in_files(tmp_path):
     (tmp_path / "catalogue.json").write_text(written.replace('"trace": ', '"trace": "no", "t": '))
     with pytest.raises(ci.InputError, match="scenario"):
         ci.load_entries(tmp_path)
+
+
+def test_windows_that_no_admitted_value_is_in_are_left_out():
+    pair = ci.ImpactPair(beta=0.10269381282505924, r=0.55, A=3.0, s=0.17257)
+    (orbit,) = (o for o in ci.find_orbits(pair, "1:1/2T", "s") if o.physical and o.stable)
+    (entry,) = real_grazings(ci.continue_orbit(orbit, "s", range=(0.17, 0.18), events=["G"]))
+    assert entry.scenario.name == IMMEDIATE
+    scenario = entry.scenario  # one of its multipliers is near 1, so that leading order is far off
+    _, found = predict(scenario.trace, scenario.determinant, away=True)
+    unit = scenario.coefficient**2 / scenario.rate
+    assert found
+    assert all(entry.value - unit * low < 0.0 for _, (low, _) in found)
+    assert scenario.windows == ()
