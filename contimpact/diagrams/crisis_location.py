@@ -275,7 +275,7 @@ def approach_crisis(
     if best is None:
         ends = "ends" if smooth else "grazes and ends"
         none = f"no simulated path leads to one that {ends} at {orbit.notation} at {place}"
-        return NoCrisis(f"{none}, or the motion comes near to that orbit on both sides")
+        return NoCrisis(f"{none}, or the motion sticks or comes near to that orbit on both sides")
     reached = f"the nearest connection is at {best[0].unknowns[-1]:.9g}, and the attractor was seen"
     return NoCrisis(f"{reached} at {place}, but not both near to each other; simulate more impacts")
 
@@ -404,7 +404,7 @@ def _nearest(
     assert attractor.state is not None
     simulator = Simulator(orbit.model, orbit.problem.kernels)
     run = simulator.run(attractor.state, impacts=impacts)
-    entries = entries_of(run, orbit)
+    entries = {} if run.released.any() else entries_of(run, orbit)
     if not entries or len(sides_of(entries)) > 1:
         return None
     guesses = guesses_of(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
@@ -18,6 +19,7 @@ from ..orbits.orbit import Orbit
 from ..orbits.status import multipliers
 from ..results.branch import same_data
 from ..schema import build_record
+from ..segments.bounded import UNIT
 from .run import Run, State
 from .simulator import Simulator
 
@@ -481,7 +483,7 @@ def repeats(walls: Array, length: int) -> bool:
 def sticking_cycle(simulator: Simulator, run: Run) -> tuple[Cycle, float] | None:
     """Return the cycle of a motion that rests on walls, if it has one, and the distance from it."""
     if not run.held.size:
-        return _cycle_of_releases(run)
+        return _cycle_of_releases(simulator, run)
     sojourns = np.nonzero(run.held)[0]
     if not len(sojourns):
         return None
@@ -502,8 +504,9 @@ def sticking_cycle(simulator: Simulator, run: Run) -> tuple[Cycle, float] | None
     return None
 
 
-def _cycle_of_releases(run: Run) -> tuple[Cycle, float] | None:
-    """The cycle of one coordinate that sticks: released twice at one phase, it repeats itself."""
+def _cycle_of_releases(simulator: Simulator, run: Run) -> tuple[Cycle, float] | None:
+    """The cycle of one coordinate that sticks: released twice at one phase, it repeats itself. If
+    rounding makes the motion between, other digits lead to another cycle, and there is none."""
     releases = np.nonzero(run.released)[0]
     for first in releases[:-1][::-1]:
         last = releases[-1]
@@ -511,8 +514,27 @@ def _cycle_of_releases(run: Run) -> tuple[Cycle, float] | None:
             rows = slice(first, last)
             times = (run.turns[rows] - run.turns[first]) * run.period + run.phases[rows]
             columns = (run.walls[rows], times, run.velocities[rows], run.released[rows])
+            if rounding_fills(simulator, run.states()[first : last + 1]):
+                return None
             return Cycle(*columns, int(run.turns[last] - run.turns[first]), (0.0, 0.0), 0.0), 0.0
     return None
+
+
+def rounding_fills(simulator: Simulator, states: Sequence[State]) -> bool:
+    """Return whether rounding grows to all of a motion between two releases, which forget it."""
+    sections = np.array([state.section for state in states])
+    sizes = own_sizes(sections, simulator.period)
+    limit, product = NEAR / UNIT, np.eye(len(sizes))
+    for before, after in itertools.pairwise(states):
+        if before.released:
+            product = np.eye(len(sizes))
+            continue
+        with np.errstate(all="ignore"):
+            product = simulator.derivative(before, after) @ product
+            size = float(np.max(np.abs(product * sizes / sizes[:, None])))
+        if limit < size < math.inf:
+            return True
+    return False
 
 
 def impact_table(times: Array, rows: Run | Cycle | Attractor) -> Array:

@@ -26,7 +26,16 @@ from ..results.options import SETTLING, Settling
 from ..segments.bounded import UNIT, bounds_of
 from ..segments.flight import FlightGaps, flight_gaps
 from ..segments.touches import interior_touches
-from .attractor import Attractor, Cycle, Kind, Unstable, cycle_near, repeats, sticking_cycle
+from .attractor import (
+    Attractor,
+    Cycle,
+    Kind,
+    Unstable,
+    cycle_near,
+    repeats,
+    rounding_fills,
+    sticking_cycle,
+)
 from .flights import jump_derivative
 from .one_coordinate import OneCoordinate
 from .run import Outcome, Run, State
@@ -737,7 +746,8 @@ def complex_notation(rates: Sequence[float]) -> str:
 def _unsettled_motion(
     simulator: Simulator, state: State, settling: Settling, periods: int
 ) -> Attractor:
-    """Complex motion if the largest exponent is clearly positive, otherwise not settled."""
+    """Complex motion if the largest exponent is clearly positive, or if what lies between sojourns
+    on walls is rounding; otherwise not settled."""
     run = simulator.run(state, impacts=settling.impacts)
     if run.outcome is not Outcome.DONE:
         return _attractor_of_end(simulator, run)
@@ -745,6 +755,8 @@ def _unsettled_motion(
         return periodic(simulator, *sticking, periods=periods)
     found = exponents_of(simulator, state, run)
     is_complex = found.per_impact[0] > 3.0 * found.error
+    if run.released.any() and not run.held.size:
+        is_complex = rounding_fills(simulator, run.states())
     rate = found.impacts / found.periods
     shares = [np.count_nonzero(run.walls == k) / len(run) for k in range(len(simulator.letters))]
     last = slice(-KEPT, None)

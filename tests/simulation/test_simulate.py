@@ -27,9 +27,10 @@ from contimpact.simulation import one_coordinate
 from contimpact.simulation import run as loops
 from contimpact.simulation import simulator as simulate
 from contimpact.simulation.run import Outcome, State, release_after
-from contimpact.simulation.settle import exponents_of
+from contimpact.simulation.settle import exponents_of, settle
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.duffing import Duffing
+from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
 from contimpact.systems.soft_stop import SoftStop
 
@@ -578,6 +579,17 @@ def test_sticking_forgets(pair, simulator_of):
     run = simulator.run(State(0, 0.25, 0.5), impacts=300)
     assert run.released.any()
     assert exponents_of(simulator, State(0, 0.25, 0.5), run).per_impact == (-math.inf, -math.inf)
+
+
+@pytest.mark.parametrize(
+    ("s", "kind", "notation"), [(0.55, "sticking", "(inf:1)/8T"), (1.5, "complex", "2:0/C")]
+)
+def test_a_cycle_that_rounding_makes_is_none(s, kind, notation):
+    """Between two releases at s = 1.5 m rounding grows by 1e18: doubles repeat after 47 periods, 50
+    digits after 94. At s = 0.55 m it grows by 1e5."""
+    simulator = Simulator(ImpactPair(beta=0.9, r_B=0.6, r_T=0.35, A=4.0, s=s, M=0.3, omega=9.0))
+    found = settle(simulator, simulator.state("B", time=0.1, velocity=0.4))
+    assert (found.kind.value, found.notation) == (kind, notation)
 
 
 # Turning points that are not looked for
