@@ -516,7 +516,12 @@ def plot_exponents(sweep: Sweep, ax: Any = None, *, x: str | None = None, unit: 
     ax = ax or style.new_figure(7.2, 3.6).add_subplot()
     x = x or sweep.parameter
     finite = [r for r in sweep.rows if np.isfinite(r.attractor.per_period)]
-    sticking = [r for r in sweep.rows if r.attractor.kind is Kind.STICKING]
+    sticking = [
+        r
+        for r in sweep.rows
+        if r.attractor.kind is Kind.STICKING
+        or (r.attractor.kind is Kind.COMPLEX and r.attractor.per_period == -math.inf)
+    ]
     of_one = [r for r in sweep.rows if r.attractor.kind is Kind.PERIODIC]
     lost = [r for r in of_one if math.isnan(r.attractor.per_period)]
     handles = []

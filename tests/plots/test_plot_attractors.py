@@ -20,6 +20,7 @@ from contimpact.results.scene import read_scene
 from contimpact.simulation.run import State
 from contimpact.simulation.settle import settle
 from contimpact.simulation.sweep import Row, Simulators, Sweep, sweep
+from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.membrane import Membrane
 
 QUICK = Settling(transient=50, periods=800, impacts=1500)
@@ -114,6 +115,14 @@ def test_values_of_a_parameter_are_written_in_full(simulation):
     for ax in (pictures.plot_exponents(sweep), pictures.plot_sweep(sweep)):
         ax.figure.draw_without_rendering()
         assert ax.xaxis.get_offset_text().get_text() == ""
+
+
+def test_complex_motion_that_sticks_is_marked_as_sticking():
+    pair = ImpactPair(beta=0.9, r_B=0.6, r_T=0.35, A=4.0, s=1.5, M=0.3, omega=9.0)
+    found = sweep(pair, "s", [1.5, 1.49])
+    assert [row.attractor.kind.value for row in found.rows] == ["complex", "complex"]
+    (line,) = marked(pictures.plot_exponents(found), "v")
+    assert len(line.get_xdata()) == 2
 
 
 @pytest.mark.full
