@@ -425,13 +425,17 @@ def _draw_legend(
     for kind in dict.fromkeys(OTHER_NAMES.get(k, k) for k in kinds):
         marker = _marker(kind)
         handles.append(legend_mark(color="k", ls="none", marker=marker, ms=4.5, label=kind))
-    ax.figure.legend(
-        handles=[*handles, *further],
-        loc="outside right upper",
-        fontsize=7.5,
-        frameon=False,
-        handlelength=1.8,
-    )
+    legend_beside(ax.figure, [*handles, *further], fontsize=7.5, handlelength=1.8)
+
+
+def legend_beside(figure: Any, handles: Sequence[Any], **look: Any) -> None:
+    """Draw a legend right of the axes, in as many columns as the figure's height needs."""
+    look |= {"handles": handles, "loc": "outside right upper", "frameon": False}
+    legend = figure.legend(**look)
+    columns = math.ceil(legend.get_window_extent().height / figure.bbox.height)
+    if columns > 1:
+        legend.remove()
+        figure.legend(**look, ncols=columns, columnspacing=1.0)
 
 
 def _visible(ax: Any, panels: Sequence[Panel]) -> set[Key]:
@@ -547,7 +551,7 @@ def _legend(ax: Any, curves: Sequence[Curve], kinds: Sequence[tuple[str, str]]) 
             "ls": "none",
         }
         handles.append(legend_mark(label="turn, or codimension three", **look))
-    ax.figure.legend(handles=handles, loc="outside right upper", fontsize=8, frameon=False)
+    legend_beside(ax.figure, handles, fontsize=8)
 
 
 def save_codim2(

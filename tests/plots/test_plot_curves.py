@@ -15,7 +15,8 @@ from contimpact.bifurcations.declarations import CURVES
 from contimpact.bifurcations.kind import kind_of
 from contimpact.continuation.branch import End, EndKind
 from contimpact.errors import InputError
-from contimpact.plots.curves import save_curves
+from contimpact.plots.curves import legend_beside, save_curves
+from contimpact.plots.diagram import legend_mark, new_figure
 from contimpact.results.catalogue import catalogue_text
 from contimpact.results.curve import Area, Codim2, Curve, StableOrbit, regions
 from contimpact.results.diagram import Diagram
@@ -281,3 +282,15 @@ def test_points_of_codimension_two_have_marks_of_their_own():
     }
     assert set(marks) == {*kinds} - {"G-PD", "PD-FB", "NS-FB", "NS-PD"}
     assert len(set(marks.values())) == len(marks)
+
+
+def test_a_long_legend_stands_in_columns_within_the_figure():
+    """Of a map with 17 curves markers and areas were below the figure's lower edge."""
+    figure = new_figure(7.2, 3.4)
+    figure.add_subplot()
+    legend_beside(figure, [legend_mark(label=f"curve {k}") for k in range(30)], fontsize=7.5)
+    figure.draw_without_rendering()
+    (legend,) = figure.legends
+    extent = legend.get_window_extent()
+    assert 0.0 <= extent.y0 < extent.y1 <= figure.bbox.height
+    assert extent.x1 <= figure.bbox.width
