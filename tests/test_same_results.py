@@ -251,7 +251,7 @@ def test_scenes_are_checked(capsys):
 
 
 LONG = ["coco_bang_bang", "fig3a", "fig3b", "fig3c", "fig3d", "fig6_s"]
-LONG += ["fig6a", "fig6b", "fig6c", "fig6d", "fig7", "fig8"]
+LONG += ["fig6_A", "fig6a", "fig6b", "fig6c", "fig6d", "fig7", "fig8"]
 """They take twenty seconds or more."""
 ONE_SIDED = ["soft_pair_friction"]
 """The multipliers at a V jump, and the sign of a velocity of 1e-17 says which one is given."""
