@@ -18,7 +18,7 @@ from contimpact.models.guards import state_before
 from contimpact.results.scene import read_scene
 
 QUICK = (2, 1, 4, 6, 1016, 1069, 1222)
-MANY = range(200)
+MANY = range(400)
 EVERY = 20
 CLOSES = 1e-8
 MULTIPLIERS = {"FB": 1.0, "BP": 1.0, "PD": -1.0, "NS": None}
