@@ -87,32 +87,44 @@ def null_vector_start(problem: OrbitProblem, unknowns: Array) -> Start | None:
 
 BESIDE, ATTEMPTS = 1e-4, 5
 """How far from an event the orbits beside it are, in natural sizes, far beyond rounding, and in how
-many steps with the event's Jacobian they are reached."""
+many steps of Newton's they are reached."""
 
 
 def orbits_beside(
-    here: Linearisation, sides: Iterable[float] = (1.0, -1.0)
+    here: Linearisation, sides: Iterable[float] = (1.0, -1.0), known: Sequence[Linearisation] = ()
 ) -> Iterator[Linearisation]:
     """Yield the orbits of the branch in the first parameter on both sides of a point, those that
-    are reached: where the parameter is larger first, or smaller."""
+    are reached: where the parameter is larger first, or smaller.
+
+    Depths of touches go with the square of the distance, so that they are corrected far below that.
+    Where branches cross, or nearly, orbits `known` on both sides tell which one is followed.
+    """
     problem, last = here.problem, here.problem.n + 1
     units, columns = here.sizes[0], here.sizes[1][:last]
-    left, sizes, right = np.linalg.svd(here.jacobian[:, :last] * columns / units[:, None])
-    if not sizes[-1] > 1e-10 * sizes[0]:
+    _, sizes, right = np.linalg.svd(here.jacobian[:, :last] * columns / units[:, None])
+    kernel, along = right[np.count_nonzero(sizes > BESIDE * sizes[0]) :], right[-1]
+    chord = (known[-1].unknowns - known[0].unknowns)[:last] / columns if known else np.zeros(last)
+    if len(kernel) > 1 and np.any(chord):  # other branches may be as near as what is looked for
+        along = kernel.T @ (kernel @ chord)
+        along = along / np.linalg.norm(along)
+    elif not sizes[-1] > 1e-10 * sizes[0]:
         return
-    inverse = columns[:, None] * right[:-1].T / sizes @ (left.T / units)
-    along = math.copysign(BESIDE, right[-1, -1]) * columns * right[-1]
+    along = math.copysign(1.0, along[-1]) * along
     for side in sides:
         unknowns = here.unknowns.copy()
-        unknowns[:last] += side * along
+        unknowns[:last] += side * BESIDE * columns * along
         try:
             for _ in range(ATTEMPTS):
                 there = problem.evaluate(unknowns)
-                if np.max(np.abs(there.residual) / units) < BESIDE**2:
-                    yield there
+                off = there.residual / units
+                if np.max(np.abs(off)) < BESIDE**3:
                     break
+                matrix = there.jacobian[:, :last] * columns / units[:, None]
+                step = np.linalg.solve(border_jacobian(matrix, along), np.append(off, 0.0))
                 unknowns = unknowns.copy()
-                unknowns[:last] -= inverse @ there.residual
+                unknowns[:last] -= columns * step
+            if np.max(np.abs(off)) < BESIDE**2:
+                yield there
         except (ArithmeticError, ValueError):
             continue
 
@@ -357,7 +369,7 @@ class Kind(ABC):
         self,
         here: Linearisation,
         details: Details,
-        known: Iterable[Linearisation] = (),
+        known: Sequence[Linearisation] = (),
         sides: list[float] | None = None,
     ) -> Verdict:
         """As `verdict`, but an orbit counts as unphysical where those of its branch are on both
@@ -370,7 +382,7 @@ class Kind(ABC):
             return found
         reasons: list[str] = []
         sides = [1.0, -1.0] if sides is None else sides
-        for there in orbits_beside(here, tuple(sides)):
+        for there in orbits_beside(here, tuple(sides), known):
             if there.verdict.physical:
                 if reasons:
                     sides.reverse()

@@ -439,6 +439,10 @@ Callback = Callable[[Point], bool | None]
 ONE_ZERO = 1e-2
 """Arclength within which one zero is located and missed, if its error in the parameter says so."""
 
+APART = 1e-6
+"""Arc length from an event on from which depths of touches, which go with its square, are beyond
+rounding."""
+
 
 @dataclass(frozen=True, eq=False)
 class Run:
@@ -538,10 +542,11 @@ class Run:
         )
 
     def around(self, event: Event) -> tuple[Point, Point]:
-        """The points before and after an event; a closed branch goes on at its other end."""
+        """The points before and after an event, so far from it that rounding does not decide what
+        they are; a closed branch goes on at its other end."""
         lengths, last = self.points.arclengths, len(self.points) - 1
-        after = int(np.searchsorted(lengths, event.point.arclength, side="right"))
-        before = int(np.searchsorted(lengths, event.point.arclength)) - 1
+        after = int(np.searchsorted(lengths, event.point.arclength + APART, side="right"))
+        before = int(np.searchsorted(lengths, event.point.arclength - APART)) - 1
         if self.walks[1].end.kind is EndKind.CLOSED and last > 1:
             return self.points[before % last], self.points[after if after <= last else 1]
         return self.points[max(before, 0)], self.points[min(after, last)]

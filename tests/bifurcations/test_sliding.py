@@ -7,6 +7,7 @@ be physical and the next one begins.
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from scipy.integrate import solve_ivp
 
 import contimpact as ci
 from contimpact.continuation.settings import Settings
+from contimpact.models.guards import Word
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.belt import Belt
 
@@ -158,3 +160,19 @@ def test_words_of_flights_that_slide_for_no_time_are_not_found(parameter):
     assert found
     for orbit in found:
         assert np.min(np.diff([*orbit.times, orbit.times[0] + orbit.period])) > 1e-3
+
+
+@pytest.mark.parametrize("laps", [(1,), (2,), (3,), (1, 2), (1, 3)], ids=str)
+def test_of_orbits_of_several_laps_only_one_slides_physically(laps):
+    """Sliding forgets how it began: a lap that does not slide passes the
+    surface by about the square of the velocity with which another one arrives there."""
+    word, values = Word("PS" * len(laps), sum(laps)), VALUES | {"a": 0.16}
+    found = ci.find_orbits(Belt(**values), word, parameter="a", starts=60, rounds=1)
+    branches = [ci.continue_orbit(one, "a", (0.149, 0.17), events=["V", "T"]) for one in found]
+    events = [event for branch in branches for event in branch.events]
+    assert {event.kind for event in events} == {"V", "T"}
+    for event in events:
+        assert event.parameters["a"] == pytest.approx(0.150332963783729, abs=1e-11)
+        assert event.ghost == (laps != (1,))
+        depth = re.search(r"passes wall S by (\S+) at", event.why or "")
+        assert depth is None or float(depth[1]) > 1e-10  # of 7e-6 squared, not rounding
