@@ -302,6 +302,38 @@ def test_nothing_is_born_where_a_touch_is_a_jump():
     assert touch.value == pytest.approx(fsolve(equations, [-0.3, 0.5, 1.4], xtol=1e-12)[2], 1e-9)
 
 
+def test_sliding_that_ends_on_another_variable_is_born_at_its_grazing():
+    """What drives x to its threshold is y, and where x only touches it, y is at the limit of
+    sliding; no branch was born there, though the sliding orbit's own T named the orbit without."""
+    table = {
+        "name": "threshold",
+        "model": {
+            "system": "hybrid",
+            "period": "2*pi",
+            "parameters": {"h": 0.62},
+            "modes": {
+                "free": {"x": "y - x", "y": "cos(t) - 2*x - y/5"},
+                "slide": {"y": "cos(t) - 2*h - y/5"},
+            },
+            "guards": {
+                "S": {"mode": "free", "within": "x <= h", "to": "slide"},
+                "P": {"mode": "slide", "within": "y >= h", "to": "free", "set": {"x": "h"}},
+            },
+        },
+        "follow": {"parameter": "h", "range": [0.5, 0.65], "orbits": ["0"], "switch": ["G"]},
+        "detect": {"events": ["G", "V", "T"]},
+    }
+    diagram = follow(read_scene(table))
+    branch, born = diagram.branches
+    (touch,) = branch.events
+    assert touch.value == pytest.approx(1 / abs((1j + 1 / 5) * (1j + 1) + 2), abs=1e-14)
+    assert (touch.becomes, touch.criticality) == ("SP", "supercritical")
+    assert {(e.kind, e.ghost) for e in born.events} == {("T", False), ("V", False)}
+    assert [e.becomes for e in born.events if e.kind == "T"] == ["0"]
+    assert all(e.value == pytest.approx(touch.value, abs=1e-12) for e in born.events)
+    assert born.columns["h"][born.physical].max() <= touch.value
+
+
 @pytest.mark.full
 def test_impacts_at_once_on_several_surfaces_are_said_to_leave_the_word_beyond_open():
     """A boost converter whose switch opens at a current and closes at a clock: in the doubled orbit

@@ -75,11 +75,13 @@ from .kind import (
 from .scalar_systems import PASSING
 from .sliding import (
     ADDING,
+    TOUCHING,
     RestingStart,
     SlidingOnset,
     interrupted_sliding_start,
     is_brief,
     is_same_orbit,
+    is_sliding,
     near_touches,
     onset_of,
     onsets_of_word,
@@ -440,7 +442,7 @@ def _orbit_with_touches(event: OrbitEvent) -> tuple[OrbitProblem, Array] | None:
     for flight, wall, time in _last_first(touches_at(event)):
         system = TouchingFlight(problem, flight, wall, time)
         touch = system.touch(system.start(here))
-        letters = _excursion(problem, flight, wall) or ""
+        letters = _excursion(here, flight, wall, touch) or ""
         rows = _insert_impacts(
             rows, flight, _excursion_impacts(problem, here.unknowns, letters, touch)
         )
@@ -454,10 +456,10 @@ def word_with_touches(event: OrbitEvent) -> Word | None:
 
     None where a touch leads to another mode, and no short way back.
     """
-    problem: OrbitProblem = event.point.evaluation.problem
-    word = problem.word
-    for flight, wall, _ in _last_first(touches_at(event)):
-        letters = _excursion(problem, flight, wall)
+    here: Linearisation = event.point.evaluation
+    word = here.problem.word
+    for touch in _last_first(touches_at(event)):
+        flight, letters = touch[0], _excursion_at(here, *touch)
         if letters is None:
             return None
         word = word.insert(flight, letters)
@@ -466,18 +468,43 @@ def word_with_touches(event: OrbitEvent) -> Word | None:
 
 def count_added_impacts(event: OrbitEvent) -> int:
     """Return how many impacts the event's own touch becomes."""
-    details, problem = event.details, event.point.evaluation.problem
-    return len(_excursion(problem, details["flight"], details["wall"]) or "")
+    return len(_own_excursion(event))
 
 
-def _excursion(problem: OrbitProblem, flight: int, wall: str) -> str | None:
-    """The letters of the shortest excursion beyond a guard that is touched."""
+def _own_excursion(event: OrbitEvent) -> str:
+    places = (event.details[name] for name in ("flight", "wall", "touch_time"))
+    return _excursion_at(event.point.evaluation, *places) or ""
+
+
+def _excursion_at(here: Linearisation, flight: int, wall: str, time: float) -> str | None:
+    system = TouchingFlight(here.problem, flight, wall, time)
+    return _excursion(here, flight, wall, system.touch(system.start(here)))
+
+
+def _excursion(here: Linearisation, flight: int, wall: str, touch: Array) -> str | None:
+    """The letters of the shortest excursion beyond a guard that is touched.
+
+    It may end at once because the touch is on the surface of the next guard, too: so it is where
+    that is a limit of sliding, at which the field outside is tangent.
+    """
+    problem = here.problem
     guards, passages = problem.model.WALLS, problem.kernels.passages
     mode = problem.model.first_mode
     if problem.word.walls:
         mode = problem.model.guard(problem.word.walls[flight]).next_mode
     touched = problem.model.letters.index(wall)
-    there = [g.name for i, g in enumerate(guards) if passages.meets_at_rest(touched, i)]
+    begun, least = problem.model.guard(wall).next_mode, TOUCHING * problem.size_of_gaps(here)
+    values = problem.values(here.unknowns)
+    given, places = (*touch.tolist(), 0.0, *values), problem.kernels.setup(*values).walls
+
+    def meets(i: int, guard: Guard) -> bool:
+        return passages.meets_at_rest(touched, i) or (
+            begun in guard.modes
+            and is_sliding(problem.model, begun)
+            and abs(problem.kernels.gap(wall, guard.name)(*given)[0] - places[i]) < least
+        )
+
+    there = [guard.name for i, guard in enumerate(guards) if meets(i, guard)]
     return way_back(guards, wall, mode, "".join(there))
 
 
@@ -558,11 +585,10 @@ def _speed_column(problem: OrbitProblem, unknowns: Array, time: float) -> int:
 
 def _sliding_criticality(event: OrbitEvent, start: Start) -> str | None:
     """The criticality where the excursion ends on another surface; None where it does not."""
-    problem, details = start.problem, event.details
-    letters = _excursion(event.point.evaluation.problem, details["flight"], details["wall"]) or ""
+    letters = _own_excursion(event)
     return (
         None
-        if problem.kernels.arrival(*letters[:2]) != ELSEWHERE
+        if start.problem.kernels.arrival(*letters[:2]) != ELSEWHERE
         else _bend_criticality(event, start)
     )
 
@@ -610,7 +636,8 @@ def _orbit_with_touch(here: CurvePoint) -> Linearisation:
         raise ArithmeticError("nothing is touched inside a flight")
     orbit, problem = here.orbit, here.orbit.problem
     flight, wall = here.details["flight"], here.details["wall"]
-    touch, letters = np.insert(here.own, 1, 0.0), _excursion(problem, flight, wall) or wall
+    touch = np.insert(here.own, 1, 0.0)
+    letters = _excursion(orbit, flight, wall, touch) or wall
     added = _excursion_impacts(problem, orbit.unknowns, letters, touch)
     word = problem.word.insert(flight, letters)
     if not is_path(problem.model.WALLS, word.walls):
