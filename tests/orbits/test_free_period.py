@@ -625,6 +625,7 @@ def test_the_other_cycle_of_a_symmetric_pair_is_found():
     assert sorted([left.unknowns[0], right.unknowns[0]]) == pytest.approx([-0.42160386, 1.35324444])
 
 
+@pytest.mark.full
 @integrated
 def test_sliding_that_vanishes_on_any_coordinate_leaves_the_cycle():
     """Prey and predators that are harvested from a threshold on (Dercole et al. 2007): nothing
