@@ -436,8 +436,8 @@ def not_found(
             progress(f"looking for {word} at {scene.parameter} = {value:.6g}")
             try:
                 count = len(search_elsewhere(scene, kernels, word, value).orbits)
-            except StepLimitError:  # solutions are left that have not been looked at
-                count = 0
+            except StepLimitError:  # not looked at whole
+                continue
             if budget is not None and budget.left <= 0 and not count:
                 break
             found = found.also_at(value, count)

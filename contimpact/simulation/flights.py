@@ -274,10 +274,11 @@ def integrated_arrival(
     return 0, passed if length > LEAST * period else math.nan, speed
 
 
-SETTLED = 1e-11
-"""Part of its size by which a settled motion differs from the one a period before."""
-APPROACH = 1e3
-"""Factor by which it has come nearer to it. Beside an unstable motion the difference would grow."""
+SETTLED, UNSETTLED = 1e-11, 1e-8
+"""Part of its size by which a settled motion differs from the one a period before, and by which it
+differed once: beside an unstable motion, from rounding on, the difference grows."""
+ASIDE = 1e3
+"""How many such differences a settled motion keeps off the walls, over all periods that follow."""
 
 
 def _has_settled(
@@ -288,9 +289,9 @@ def _has_settled(
     It moved by `apart` over this period, by `widest` at most over one before.
     """
     least, most = curve.bounds()
-    small = apart <= SETTLED * max(abs(position), most - least)
-    off = APPROACH * apart
-    return small and off <= widest and walls[0] < least - off and most + off < walls[1]
+    size, off = max(abs(position), most - least), ASIDE * apart
+    settled = apart <= SETTLED * size and widest >= UNSETTLED * size
+    return settled and walls[0] < least - off and most + off < walls[1]
 
 
 def _clear(curve: IntegratedCurve, low: float, high: float) -> bool:

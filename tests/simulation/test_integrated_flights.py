@@ -113,3 +113,32 @@ def test_where_motion_keeps_clear_of_walls_nothing_is_isolated(monkeypatch):
     same = solve_ivp(swinging, (0.3, 0.3 + dt), [1.5, -0.8 * 0.9], "DOP853", rtol=1e-11, atol=1e-12)
     assert speed == pytest.approx(same.y[1, -1], abs=1e-9)
     assert np.max(same.y[0, 1:]) < 1.5
+
+
+def test_a_flight_ends_where_its_motion_has_settled():
+    """Differences fall by a third in each period: to 1e-11 of the motion in 65 or so of 1,000."""
+    model = Pendulum(a=0.1, omega=0.8, c=0.1, sigma=1.5, r=0.8)
+    wall, dt, _ = Simulator(model).fly(0, 0.3, 0.9)
+    assert wall == -1
+    assert 60 < dt * model["omega"] / (2 * np.pi) < 100
+
+
+@pytest.mark.full
+def test_a_flight_goes_on_beside_an_unstable_motion():
+    """Begun on it, differences from the period before are rounding at first, and then grow."""
+    model = {
+        "system": "hybrid",
+        "period": "2*pi/w",
+        "parameters": {"a": 1.0, "w": 1.7},
+        "modes": {"m": {"x": "v", "v": "v/5 - x - x**3/100 + a*cos(w*t)"}},
+        "guards": {"S": {"within": "x <= 2", "set": {"v": "-v/2"}}},
+    }
+    asked = {"parameter": "a", "range": [0.5, 1.5], "orbits": ["0"]}
+    scene = read_scene({"name": "unstable", "model": model, "follow": asked})
+    (orbit,) = ci.find_orbits(scene.model, "0", parameter="a")
+    assert not orbit.stable
+    x, v = orbit.unknowns[:2].tolist()
+    for off in (0.0, 1e-13, 1e-9):
+        state = Simulator(scene.model).start(0.0, [x + off], [v], "m")
+        assert state is not None
+        assert state.turns > 30

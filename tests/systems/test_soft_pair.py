@@ -31,9 +31,9 @@ from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.membrane import Membrane
 from contimpact.systems.soft_pair import FrictionalSoftPair, SoftPair
 
-FIG7 = {"beta": math.pi / 6, "A": 5.0, "s": 0.45}
 pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
 
+FIG7 = {"beta": math.pi / 6, "A": 5.0, "s": 0.45}
 RIGID = FIG7 | {"r": 0.3}
 TABLE = {"k": Membrane().K, "nu": Membrane().nu}
 
