@@ -141,7 +141,7 @@ def rounding_scale(field: str, directions: str, numbers: Sequence[float], found:
 
 def _in_other_steps(field: str, directions: str, numbers: Sequence[float]) -> tuple[int, Array]:
     """How many steps a flight takes, and its results by others."""
-    rows, limits = np.array([numbers]), np.array([1.0, 0.0])
+    rows, limits = np.array([numbers]), np.array([1.0, 0.0, 0.0])
     found = run_flights(field, directions, rows, limits=limits)
     if found is not None and np.isfinite(found).all():
         steps = int(limits[1])

@@ -84,28 +84,25 @@ _budget: ContextVar[StepBudget | None] = ContextVar("budget", default=None)
 
 @contextlib.contextmanager
 def limited_steps(most: int) -> Iterator[StepBudget]:
-    """Let flights take so many steps of integration in all; later ones raise StepLimitError."""
-    budget = StepBudget(most)
+    """Let flights take so many steps of integration in all, and no more than are left of those
+    within which this is asked for; later ones raise StepLimitError."""
+    budget = StepBudget(most := allowed_steps(most))
     token = _budget.set(budget)
     try:
         yield budget
     finally:
         _budget.reset(token)
+        charge_steps(most - budget.left)
 
 
-def is_limited() -> bool:
-    """Whether the steps of flights are counted."""
-    return _budget.get() is not None
-
-
-def _allowed(most: int) -> int:
-    """How many steps a flight may ask for, which may take so many by itself."""
+def allowed_steps(most: int) -> int:
+    """Return how many steps a flight may ask for, which may take so many by itself."""
     budget = _budget.get()
     return most if budget is None else min(most, max(budget.left, 0))
 
 
-def _charge(steps: int) -> None:
-    """Take steps from the budget."""
+def charge_steps(steps: int) -> None:
+    """Take steps from the budget, if there is one."""
     budget = _budget.get()
     if budget is not None:
         budget.left -= steps
@@ -113,6 +110,10 @@ def _charge(steps: int) -> None:
 
 class StepLimitError(OverflowError):
     """A flight asks for too many steps."""
+
+
+NONE_LEFT = "flights have taken all steps of integration that they may"
+"""What the error says where a budget is used up."""
 
 
 class Statement(NamedTuple):
@@ -456,9 +457,9 @@ class Integrator:
         self, longest: float = math.inf, most: int = MOST_STEPS, kept: list[_Step] | None = None
     ) -> None:
         """Take the steps of a flight, which are added to those `kept`."""
-        most, width, self.steps = _allowed(most), longest, 0
+        most, width, self.steps = allowed_steps(most), longest, 0
         if not most:
-            raise StepLimitError("flights have taken all steps of integration that they may")
+            raise StepLimitError(NONE_LEFT)
         at_once = AT_ONCE if self._hides else most
         count, end, taken = at_once, self._number(1.0), list[_Step]()
 
@@ -476,7 +477,7 @@ class Integrator:
                 **more,
             )
             self.steps += steps
-            _charge(steps)
+            charge_steps(steps)
             sound = self._count_sound(taken)
             if kept is not None:
                 kept += taken[:sound]
@@ -662,7 +663,7 @@ class BatchIntegrator(Integrator):
             return True
 
         more = {"callback": take, "write_tc": True} if self._hides else {}
-        while most := _allowed(AT_ONCE if waiting or self._hides else SOME_STEPS):
+        while most := allowed_steps(AT_ONCE if waiting or self._hides else SOME_STEPS):
             for lane in (k for k, row in enumerate(inside) if row < 0 and waiting):
                 inside[lane], steps[lane] = waiting.pop(), 0
                 self._put(lane, rows[inside[lane]])
@@ -676,7 +677,7 @@ class BatchIntegrator(Integrator):
                 taken.clear()
             times = self._adaptive.time.copy()
             for lane, (said, _, _, count) in enumerate(self._adaptive.propagate_res):
-                _charge(count)
+                charge_steps(count)
                 steps[lane] += count
                 lost = said not in self._going or steps[lane] > max(left, SOME_STEPS)
                 if inside[lane] >= 0 and (lost or times[lane] == 1.0):

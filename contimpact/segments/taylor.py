@@ -30,12 +30,15 @@ from .integration import (
     MOVED,
     NEAR,
     NOISE,
+    NONE_LEFT,
     SCALE,
     SHORTEST_STEP,
     SOME_STEPS,
     UNIT,
+    StepLimitError,
+    allowed_steps,
+    charge_steps,
     integrator,
-    is_limited,
     statement,
 )
 from .kernel import ELEMENTARY, Family, Kernel, declaration, function_of
@@ -410,9 +413,9 @@ def run_flights(
 ) -> Array | None:
     """Return the results of flights, a row each, by a compiled program, if that is there or pays.
 
-    They are NaN where a flight does not stay finite or takes more than `SOME_STEPS`. Steps are not
-    charged: where they are, no program runs. `limits` are the largest part of a flight that a step
-    takes, and the number of steps of the last flight, which is filled in.
+    They are NaN where a flight does not stay finite or takes more than `SOME_STEPS`. `limits` are
+    the largest part of a flight that a step takes, and the numbers of steps of the last flight and
+    of all, which are filled in.
     """
     if not _has_programs(field):
         return None
@@ -424,8 +427,11 @@ def run_flights(
         return None
     size = 2 * (along + 1) * statement(field).freedom * (1 + len(directions.split()))
     found = np.empty((len(rows), size))
-    limits = np.array([1.0, 0.0]) if limits is None else limits
+    if not allowed_steps(1):
+        raise StepLimitError(NONE_LEFT)
+    limits = np.array([1.0, 0.0, 0.0]) if limits is None else limits
     run(np.ascontiguousarray(rows), limits, np.empty(flight.space), found)
+    charge_steps(int(limits[2]))
     return found
 
 
@@ -436,8 +442,10 @@ def polynomials_of(field: str, numbers: Sequence[float]) -> tuple[Array, Array, 
         steps = steps_by_series(field)
         run = load((DENSE, field), "ffF", lambda: _program(_STEPS, len(numbers), steps), after=0.0)
         d = statement(field).freedom
-        found = np.empty((ROWS, 1 + 2 * d * (ORDER + 1)))
-        made = -1 if run is None else run(np.array(numbers), np.empty(steps.space), found)
+        found, made = np.empty((ROWS, 1 + 2 * d * (ORDER + 1))), 0
+        if run is not None:
+            made = run(np.array(numbers), np.empty(steps.space), found)
+            charge_steps(ROWS if made < 0 else made)
         if made > 0 and np.isfinite(found[:made]).all():
             means, speeds = np.split(found[:made, 1:].reshape(made, 2 * d, -1), 2, axis=1)
             return np.append(found[:made, 0], 1.0), means, speeds
@@ -445,7 +453,7 @@ def polynomials_of(field: str, numbers: Sequence[float]) -> tuple[Array, Array, 
 
 
 def _has_programs(field: str) -> bool:
-    return mode() != "never" and has_series(field) and not is_limited()
+    return mode() != "never" and has_series(field)
 
 
 def _program(text: str, count: int, called: BySeries) -> Program:
@@ -463,9 +471,10 @@ def entry(rows, limits, space, found):
     for k in range(len(rows)):
         x, out = rows[k], found[k]
         results = flight({numbers}, space, {most}, limits[0])
+        limits[1] = space[0]
+        limits[2] += space[0]
         for i in range(len(out)):
             out[i] = results[i]
-    limits[1] = space[0]
     return 0
 """
 _STEPS = """

@@ -160,11 +160,12 @@ def test_steps_of_a_flight_are_counted_and_as_short_as_they_have_to_be(
     monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
     numbers = numbers_for(field, 2.0, 3)
     for longest in (1.0, 0.03, 0.003):
-        limits = np.array([longest, 0.0])
+        limits = np.array([longest, 0.0, 0.0])
         (found,) = run_flights(field, "v0", np.array([numbers]), limits=limits)
         steps = len(integrator(field).dense(numbers)[0]) - 1
         assert limits[1] >= max(steps, math.ceil(1.0 / longest))
         assert limits[1] <= math.ceil(1.0 / longest) + 2 * steps
+        assert limits[2] == limits[1]
         assert found == pytest.approx(flown(field, "v0", *numbers), rel=1e-13, abs=1e-14)
 
 
