@@ -32,7 +32,7 @@ from ..segments.flight import FlightGaps, Touch, breaks_of, touch_of
 from ..segments.kernel import SECTION
 from ..segments.kernels import Kernels
 from ..segments.oscillation import Excursion, Moved, excursions
-from ..segments.segment import ARRAYS, Segment, evaluate_in
+from ..segments.segment import Segment
 from ..segments.track import IntegratedTrack, integrated_track, join_flights
 from .problem import INSTANTS, CyclicBlocks, Linearisation, OrbitProblem, motion_of
 
@@ -521,18 +521,23 @@ class FreeQuietProblem(WithoutForcing, QuietProblem):
         )
         return float(end[self.m + 1])
 
-    def next_turn(self, unknowns: Array, longest: float) -> float:
-        """Return when the first coordinate is largest again; NaN if that is not before `longest`,
-        or no guard is on that coordinate."""
-        rows = (row for row in self._rows() if not any(row[1:]))
-        if (row := next(rows, None)) is None:
-            return math.nan
-        times = np.linspace(0.0, longest, TURNING_SAMPLES)
-        kernel = evaluate_in(self.kernels.since(self._rows()[row]), ARRAYS)
-        with np.errstate(all="ignore"):
-            speeds = row[0] * kernel(*self.state(unknowns), times, *self.model.values.values())[1]
-        turns = np.nonzero((speeds[:-1] > 0.0) & (speeds[1:] <= 0.0))[0]
-        return float(times[turns[0]]) if len(turns) else math.nan
+    def guess_after(self, unknowns: Array, length: float, settled: bool) -> Array | None:
+        """Return a guess of the unknowns of a cycle on a flight that is integrated: from its start
+        to where the first coordinate is largest, or between the last two such places."""
+        values, state = self.values(unknowns), self.state(unknowns)
+        track = integrated_track(self.kernels, SECTION, state, values, length)
+        times = np.linspace(0.0, length, TURNING_SAMPLES)
+        positions, speeds = track.at(times)
+        turns = np.nonzero((speeds[:-1, 0] > 0.0) & (speeds[1:, 0] <= 0.0))[0]
+        around = turns[-2:] if settled else np.append(0, turns[:1])
+        if len(around) < 2:
+            return None
+        first, last = around
+        guess = unknowns.copy()
+        if settled:
+            guess[: self.m] = np.array([positions[first], speeds[first]]).T.ravel()
+        guess[1] = times[last] - times[first]
+        return guess
 
     def moves(self, unknowns: Array, units: Array) -> bool:
         """Whether an orbit is one from where the first coordinate is largest, run once, and no

@@ -30,6 +30,7 @@ from ..models.guards import Word, graph, parse_word
 from ..models.model import Model, Symmetry
 from ..progress import Asked, Progress, ignore_progress, progress_lines
 from ..segments.compiling import timed_plainly
+from ..segments.integration import limited_steps
 from ..segments.kernel import SECTION
 from ..segments.kernels import Kernels
 from ..segments.segment import ELSEWHERE, STATES, VALUES
@@ -377,8 +378,12 @@ becomes of them."""
 COARSE = 16.0
 """Units in which starts without a forcing are drawn are powers of this: they have three sizes."""
 
-TURNING_STARTS, TURNING_ITERATIONS = 256, 25
-"""Starts and iterations for orbits without impacts whose period is free."""
+TURNING_STARTS, TURNING_ITERATIONS, TURNING_STEPS = 256, 25, 2048
+"""Starts for orbits without impacts whose period is free, and the iterations of each and its steps
+of integration: motions that run away take very many."""
+
+SETTLING, SETTLED_SPAN = 8, 20.0
+"""One of so many of these starts is where a motion comes in so many natural periods."""
 
 SAME_ORBIT = 1e-7
 SAME_SINGULAR_ORBIT = 1e-4
@@ -641,15 +646,17 @@ def _add_quiet(found: list[Orbit], here: Linearisation | None, units: Array) -> 
 
 def _search_turning(problem: FreeQuietProblem, generator: np.random.Generator) -> list[Orbit]:
     """The orbits without impacts in a system without forcing, from where the first coordinate is
-    largest; those are left out on which nothing moves."""
+    largest; those are left out on which nothing moves. Linear flights have none that is isolated.
+    """
+    if not problem.kernels.integrated(SECTION):
+        return []
     free = [problem.model.values[name] for name in problem.kernels.parameters]
     natural = problem.kernels.setup(*problem.model.values.values()).period
     units = COARSE ** np.round(np.log2(_units_at_rest(problem, free)) / math.log2(COARSE))
     found: list[Orbit] = []
     for trial in range(TURNING_STARTS):
         state = units * generator.normal(scale=10.0 ** (trial % 3 - 1), size=problem.m)
-        state[1] = problem.next_turn(state, SPANS[1] * natural)
-        here = solve_near(problem, np.append(state, free), TURNING_ITERATIONS)
+        here = _solve_after(problem, np.append(state, free), natural, trial % SETTLING == 0)
         if here is not None and problem.moves(here.unknowns, units) and _is_regular(here):
             here = _from_largest(here, SAME_ORBIT * units[0])
             own = here.unknowns[: problem.m] / units
@@ -659,6 +666,19 @@ def _search_turning(problem: FreeQuietProblem, generator: np.random.Generator) -
             ):
                 found.append(Orbit(problem, here))
     return found
+
+
+def _solve_after(
+    problem: FreeQuietProblem, unknowns: Array, natural: float, settled: bool
+) -> Linearisation | None:
+    """A cycle near what a motion does next, or near what becomes of it."""
+    length = (SETTLED_SPAN if settled else SPANS[1]) * natural
+    try:
+        with limited_steps(TURNING_STEPS):
+            guess = problem.guess_after(unknowns, length, settled)
+            return None if guess is None else solve_near(problem, guess, TURNING_ITERATIONS)
+    except ArithmeticError:
+        return None
 
 
 def _from_largest(here: Linearisation, same: float) -> Linearisation:

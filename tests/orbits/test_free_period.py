@@ -24,6 +24,7 @@ from contimpact.orbits import quiet
 from contimpact.orbits.quiet import problem_of
 from contimpact.orbits.search import orbit_at
 from contimpact.results.branch import details_of
+from contimpact.segments.integration import limited_steps
 from contimpact.segments.kernels import Kernels
 from contimpact.systems.belt import Belt
 from contimpact.systems.duffing import Duffing
@@ -660,6 +661,38 @@ def test_sliding_that_vanishes_on_any_coordinate_leaves_the_cycle():
     motion = solve_ivp(law, (0, 700), [math.log(0.5), 0.5], events=largest, **TIGHT)
     assert labels["V[1:1->0]"] == pytest.approx(motion.y_events[0][-1][1], rel=1e-10)
     assert "0" in [branch.notation for branch in diagram.branches]
+
+
+@integrated
+def test_cycles_are_found_where_starts_at_random_run_away():
+    """Prey and predators: from three starts in four motions run into the singularity at x = -1, on
+    which each took 200,000 steps; and the cycle is not around the origin, where starts are."""
+    growth = "x*(1 - x/(3*k)) - x*y/(1 + x)"
+    model = {
+        "system": "hybrid",
+        "period": 40,
+        "parameters": {"k": 1.2, "h": 3.0},
+        "modes": {"free": {"x": growth, "y": "0.8*x*y/(1 + x) - 0.4*y"}},
+        "guards": {"S": {"mode": "free", "within": "x <= h", "to": "free", "set": {"x": "0.5*h"}}},
+    }
+    asked = {"parameter": "k", "range": [1.1, 1.4], "orbits": ["0"]}
+    scene = ci.read_scene({"name": "prey", "model": model, "follow": asked})
+    with limited_steps(1_000_000) as budget:
+        (cycle,) = ci.find_orbits(scene.model, "0", parameter="k")
+    assert budget.left > 500_000
+
+    def law(t, z):
+        eaten = z[0] * z[1] / (1.0 + z[0])
+        return [z[0] * (1.0 - z[0] / 3.6) - eaten, 0.8 * eaten - 0.4 * z[1]]
+
+    def largest(t, z):
+        return law(t, z)[0]
+
+    largest.direction = -1
+    motion = solve_ivp(law, (0, 3000), [1.5, 1.0], events=largest, **TIGHT)
+    assert cycle.stable
+    assert cycle.unknowns[0] == pytest.approx(motion.y_events[0][-1][0], rel=1e-9)
+    assert cycle.unknowns[1] == pytest.approx(np.diff(motion.t_events[0])[-1], rel=1e-9)
 
 
 @integrated
