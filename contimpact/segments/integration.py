@@ -68,8 +68,9 @@ NOISE = 16.0
 MOVED = 4.0
 """Units of rounding."""
 SHORTEST_STEP = 2.0**-48
-"""Shortest part of a flight that a step takes there: where the law has no value, steps go down to
-where the state does not change. A force that jumps is passed by longer ones."""
+"""Shortest part of a flight that a step takes: where a motion runs away within a finite time, or
+comes to where the law has no value, steps go down to where the state does not change. A force that
+jumps is passed by longer ones."""
 
 
 @dataclass
@@ -460,8 +461,7 @@ class Integrator:
         most, width, self.steps = allowed_steps(most), longest, 0
         if not most:
             raise StepLimitError(NONE_LEFT)
-        at_once = AT_ONCE if self._hides else most
-        count, end, taken = at_once, self._number(1.0), list[_Step]()
+        count, end, taken = AT_ONCE, self._number(1.0), list[_Step]()
 
         def take(adaptive: Any) -> bool:
             taken.append(_Step(adaptive.time, adaptive.last_h, adaptive.tc.copy()))
@@ -489,9 +489,8 @@ class Integrator:
             elif said == self._arrived:
                 return
             else:
-                width, count = longest, at_once
-                stuck = self._hides and any(step.length < SHORTEST_STEP for step in taken)
-                going = said in self._going and not stuck
+                width, count = longest, AT_ONCE
+                going = said in self._going and float(self._adaptive.last_h) >= SHORTEST_STEP
             if not going:
                 raise OverflowError("a flight does not stay finite")
             taken.clear()
@@ -663,7 +662,7 @@ class BatchIntegrator(Integrator):
             return True
 
         more = {"callback": take, "write_tc": True} if self._hides else {}
-        while most := allowed_steps(AT_ONCE if waiting or self._hides else SOME_STEPS):
+        while most := allowed_steps(AT_ONCE):
             for lane in (k for k, row in enumerate(inside) if row < 0 and waiting):
                 inside[lane], steps[lane] = waiting.pop(), 0
                 self._put(lane, rows[inside[lane]])
@@ -679,7 +678,8 @@ class BatchIntegrator(Integrator):
             for lane, (said, _, _, count) in enumerate(self._adaptive.propagate_res):
                 charge_steps(count)
                 steps[lane] += count
-                lost = said not in self._going or steps[lane] > max(left, SOME_STEPS)
+                stuck = self._adaptive.last_h[lane] < SHORTEST_STEP and times[lane] < 1.0
+                lost = stuck or said not in self._going or steps[lane] > max(left, SOME_STEPS)
                 if inside[lane] >= 0 and (lost or times[lane] == 1.0):
                     if lost:
                         left -= steps[lane]

@@ -135,7 +135,8 @@ def steps_by_series(field: str) -> BySeries:
     """Return a plain function that fills in the steps of a flight by a field; see `record_step`.
 
     It takes the numbers of `Statement.names`, scratch space, and the table that is filled in; it
-    returns how many steps there are, -1 if they would be too many or the flow ceases to be finite.
+    returns how many steps there are, as a negative number if they would be too many or the flow
+    ceases to be finite.
     Raises NotImplementedError as `flight_by_series` does.
     """
     writer = Writer(field, ())
@@ -445,7 +446,7 @@ def polynomials_of(field: str, numbers: Sequence[float]) -> tuple[Array, Array, 
         found, made = np.empty((ROWS, 1 + 2 * d * (ORDER + 1))), 0
         if run is not None:
             made = run(np.array(numbers), np.empty(steps.space), found)
-            charge_steps(ROWS if made < 0 else made)
+            charge_steps(abs(made))
         if made > 0 and np.isfinite(found[:made]).all():
             means, speeds = np.split(found[:made, 1:].reshape(made, 2 * d, -1), 2, axis=1)
             return np.append(found[:made, 0], 1.0), means, speeds

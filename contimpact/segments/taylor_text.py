@@ -592,12 +592,14 @@ class Writer:
         return self.loop(name, "w, weights, count, way", lines, ["return made"], "return -1")
 
     def steps(self, name: str) -> str:
-        """Return the text of a function that fills in the series of a flight's steps."""
+        """Return the text of a function that fills in the series of a flight's steps, and returns
+        how many there are; where the flight does not arrive, that is below zero."""
         self.push()
         self.once += ["made = 0", "most, longest = MOST_STEPS, 1.0"]
         each = f"made = record_step({self.freedom}, STRIDE, w, at, h, made, found)"
-        lines = [each, "if made < 0:", "    return -1"]
-        return self.loop(name, "w, found", lines, ["return made"], "return -1")
+        failed = "return -1 - taken"
+        lines = [each, "if made < 0:", f"    {failed}"]
+        return self.loop(name, "w, found", lines, ["return made"], failed)
 
     def force(self) -> str:
         """Return the text of a function that returns the accelerations at a time and a state."""
@@ -672,7 +674,6 @@ class Writer:
         sizes = [f"max({', '.join(f'abs({row}[{i}])' for i in state)})" for row in "rpq"]
         given = ", ".join(self.given.values())
         watch = [f"while h >= SHORTEST_STEP and misses({given}, at, h, size, w):", "    h *= 0.5"]
-        watch += ["if h < SHORTEST_STEP and h < left:", f"    {failed}"]
         lines = [
             f"def {name}({given}, {more}):",
             *_indented(1, self.once + begun),
@@ -687,6 +688,8 @@ class Writer:
             f"        size = {sizes[0]}",
             f"        h = step_length(ORDER, size, {', '.join(sizes[1:])}, min(left, longest))",
             *_indented(2, watch if self.hides else []),
+            "        if h < SHORTEST_STEP and h < left:",
+            f"            {failed}",
             *_indented(2, [f"{s} = p[{i}]" for i, s in enumerate(sums)]),
             "        for k in range(ORDER - 1, -1, -1):",
             "            r = tail(w, STRIDE * k)",

@@ -241,7 +241,8 @@ def integrated_arrival(
     is not a number where the flow ceases to be finite before any impact. Raises StepLimitError
     where a window as short as the first one takes too many steps.
     """
-    speed, passed, moved, length, widest = left.velocity, 0.0, 0.0, FIRST * period, 0.0
+    speed, passed, moved, widest = left.velocity, 0.0, 0.0, 0.0
+    length, window = FIRST * period, period
     while passed < longest * period and length > LEAST * period:
         numbers = [left.time + passed, left.position + moved, left.velocity, *left.parameters]
         try:
@@ -249,7 +250,7 @@ def integrated_arrival(
         except ArithmeticError as error:
             if isinstance(error, StepLimitError) and length <= FIRST * period:
                 raise
-            length *= 0.5
+            length = window = 0.5 * length
             continue
         walls = low - moved, high - moved
         x, speed = curve.at_end()
@@ -257,8 +258,8 @@ def integrated_arrival(
             rising = speed > 0.0
         else:
             breaks = [t for t in curve.breaks() if least < passed + t < passed + length]
-            window: Any = ((), (), [*breaks, length], 0.0, rising, *walls)
-            side, dt, before, rising = first_hit(curve, *window)
+            within: Any = ((), (), [*breaks, length], 0.0, rising, *walls)
+            side, dt, before, rising = first_hit(curve, *within)
             if side:
                 return side, passed + dt, before
         settled = False
@@ -270,7 +271,7 @@ def integrated_arrival(
         passed, moved = passed + length, moved + x
         if settled:
             break
-        length = min(2.0 * length, period)
+        length = min(2.0 * length, window)
     return 0, passed if length > LEAST * period else math.nan, speed
 
 

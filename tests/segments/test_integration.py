@@ -22,6 +22,7 @@ from contimpact.segments.integration import integrator, text_of
 from contimpact.segments.kernel import flat
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.segment import ARRAYS, evaluate_in
+from contimpact.segments.taylor import polynomials_of
 from contimpact.segments.track import IntegratedTrack, integrated_track, track_of
 from contimpact.systems.oscillator import Oscillator
 from contimpact.systems.pendulum import Pendulum
@@ -76,6 +77,27 @@ def test_flights_take_no_more_steps_than_they_may():
             with pytest.raises(integration.StepLimitError):
                 integrate(short)
         assert np.all(np.isfinite(np.hstack([np.ravel(part) for part in integrate(short)])))
+
+
+@pytest.mark.parametrize("compiled", ["never", "auto"])
+def test_motions_that_run_away_within_a_finite_time_end_soon(monkeypatch, compiled):
+    """Steps go down with the time that is left, to none: a flight took all it may, 200,000."""
+    monkeypatch.setenv("CONTIMPACT_COMPILED", compiled)
+    field, numbers = "a: v0**2 + a", [3.0, 0.0, 0.0, 1.0, 1.0]  # v = tan(t + pi/4)
+
+    def fly_once(field, numbers):
+        return flown(field, "", *numbers)
+
+    with integration.limited_steps(5_000) as budget:
+        _, speed = fly_once(field, [0.7, *numbers[1:]])
+        assert speed == pytest.approx(math.tan(0.7 + math.pi / 4), rel=1e-13)
+        for fly in (fly_once, polynomials_of):
+            with pytest.raises(OverflowError, match="finite"):
+                fly(field, numbers)
+    both = np.array([[0.7, *numbers[1:]], numbers])
+    found = integration.batch_integrator(field, ()).each(both)
+    assert np.isfinite(found).all(axis=1).tolist() == [True, False]
+    assert budget.left > 2_000
 
 
 @pytest.mark.parametrize("dt", [0.0, 1e-9, 0.4, 17.0, -2.0])
