@@ -573,10 +573,12 @@ class Writer:
             for name in ("", *self.asked)
             for i in range(2 * self.freedom)
         ]
-        found, none = (f"return ({', '.join(one)})" for one in (wanted, ["nan"] * len(wanted)))
+        arrived, failed = (
+            ["w[0] = taken + 1.0", f"return ({', '.join(one)})"]
+            for one in (wanted, ["nan"] * len(wanted))
+        )
         more = [n.replace("g", e) for e in self.letters[1:] for n in self.given.values()]
-        ends = ["w[0] = taken + 1.0", found]
-        return self.loop(name, ", ".join([*more, "w", "most", "longest"]), [], ends, none)
+        return self.loop(name, ", ".join([*more, "w", "most", "longest"]), [], arrived, failed)
 
     def path(self, name: str) -> str:
         """Return the text of a function that fills in the pieces of a flight."""
@@ -589,7 +591,7 @@ class Writer:
         )
         lines = [each, "if made < 0:", "    return -1"]
         self.once += ["made = 0", "most, longest = MOST_STEPS, 1.0", "begin_path(count, way)"]
-        return self.loop(name, "w, weights, count, way", lines, ["return made"], "return -1")
+        return self.loop(name, "w, weights, count, way", lines, ["return made"], ["return -1"])
 
     def steps(self, name: str) -> str:
         """Return the text of a function that fills in the series of a flight's steps, and returns
@@ -599,7 +601,7 @@ class Writer:
         each = f"made = record_step({self.freedom}, STRIDE, w, at, h, made, found)"
         failed = "return -1 - taken"
         lines = [each, "if made < 0:", f"    {failed}"]
-        return self.loop(name, "w, found", lines, ["return made"], failed)
+        return self.loop(name, "w, found", lines, ["return made"], [failed])
 
     def force(self) -> str:
         """Return the text of a function that returns the accelerations at a time and a state."""
@@ -656,7 +658,9 @@ class Writer:
             return "0.0"
         return self.state[self.varied[side, i] + self.directions.index(name)]
 
-    def loop(self, name: str, more: str, each: list[str], arrived: list[str], failed: str) -> str:
+    def loop(
+        self, name: str, more: str, each: list[str], arrived: list[str], failed: list[str]
+    ) -> str:
         """The text of a function that takes steps, with lines for each of them, and for when the
         flight has arrived, or does not."""
         self.write_sums()
@@ -689,14 +693,14 @@ class Writer:
             f"        h = step_length(ORDER, size, {', '.join(sizes[1:])}, min(left, longest))",
             *_indented(2, watch if self.hides else []),
             "        if h < SHORTEST_STEP and h < left:",
-            f"            {failed}",
+            *_indented(3, failed),
             *_indented(2, [f"{s} = p[{i}]" for i, s in enumerate(sums)]),
             "        for k in range(ORDER - 1, -1, -1):",
             "            r = tail(w, STRIDE * k)",
             *_indented(3, [f"{s} = {s} * h + r[{i}]" for i, s in enumerate(sums)]),
             f"        total = {' + '.join(sums)}",
             "        if not total - total == 0.0:",
-            f"            {failed}",
+            *_indented(3, failed),
             *_indented(2, each),
             "        if h >= left:",
             *_indented(3, arrived),
@@ -704,7 +708,7 @@ class Writer:
             "        h += lost",
             "        after = at + h",
             "        lost, at = h - (after - at), after",
-            f"    {failed}",
+            *_indented(1, failed),
         ]
         return "\n".join(lines) + "\n"
 
