@@ -98,7 +98,7 @@ class EndKind(enum.Enum):
     )
     FOR_EVER = (
         "the period has grown to {period:.6g} at {parameter} = {value:.12g}, and {what}: the "
-        "orbits come near to one that takes for ever, by an equilibrium (a homoclinic one)"
+        "orbits come near to one that takes for ever, by an equilibrium (a homoclinic one){other}"
     )
     ROUNDING = (
         "rounding errors have grown to {error:.1g} at {parameter} = {value:.9g}: the flights "

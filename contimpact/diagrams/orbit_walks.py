@@ -290,12 +290,13 @@ class FreePeriodEnds(Policy):
         self.sound = int(math.log(most / error, GROWTH)) if 0.0 < error < most else 0
         at, told = (problem.parameter, point.parameter), {"period": here.span, "error": error}
         if longer and (lost or still):
-            what = f"{problem.parameter} changes no more"
+            what, other = f"{problem.parameter} changes no more", ""
             if lost:
+                other = ", or follow a slow motion that repels (a canard)"
                 what = f"the rounding errors of so long a flight to {error:.1g}"
                 if isinstance(problem, FreeQuietProblem):
                     what += " (two modes of its law, with guards at v = 0, would divide it)"
-            return End.of(EndKind.FOR_EVER, *at, **told, what=what), point
+            return End.of(EndKind.FOR_EVER, *at, **told, what=what, other=other), point
         return (End.of(EndKind.ROUNDING, *at, **told), point) if lost else None
 
 

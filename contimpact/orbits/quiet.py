@@ -194,8 +194,12 @@ class FreePeriodProblem(WithoutForcing):
         return super().laps(first, second)
 
 
-TURNING_SAMPLES = 512
+TURNING_SAMPLES = 1024
 """Instants at which it is seen when a coordinate turns."""
+
+AGAIN = 3.0
+"""Factor of the least distance between two turns up to which others are the same orbit's: those
+after more laps are about as small."""
 
 STILL, SAME_LAP, MOST_LAPS = 1e-6, 1e-7, 8
 """The acceleration below which an orbit rests, as a part of the state; the relative residual of a
@@ -515,28 +519,35 @@ class FreeQuietProblem(WithoutForcing, QuietProblem):
         return state
 
     def turning(self, unknowns: Array) -> float:
-        """Return the first coordinate's acceleration on the section; zero at an equilibrium."""
-        _, _, end, _ = self.segments[0].blocks(
-            self.state(unknowns), unknowns[: self.m].tolist(), self.values(unknowns)
-        )
+        """Return the first coordinate's acceleration on the section; zero at an equilibrium.
+
+        It is that of a flight of no duration: the rows of a long one are those of its pieces.
+        """
+        state = self.state(unknowns)
+        _, _, end, _ = self.segments[0].blocks(state, state, self.values(unknowns))
         return float(end[self.m + 1])
 
     def guess_after(self, unknowns: Array, length: float, settled: bool) -> Array | None:
         """Return a guess of the unknowns of a cycle on a flight that is integrated: from its start
-        to where the first coordinate is largest, or between the last two such places."""
+        to where the first coordinate is largest, or from a later such place to the last, between
+        which the state comes again."""
         values, state = self.values(unknowns), self.state(unknowns)
         track = integrated_track(self.kernels, SECTION, state, values, length)
         times = np.linspace(0.0, length, TURNING_SAMPLES)
-        positions, speeds = track.at(times)
-        turns = np.nonzero((speeds[:-1, 0] > 0.0) & (speeds[1:, 0] <= 0.0))[0]
-        around = turns[-2:] if settled else np.append(0, turns[:1])
-        if len(around) < 2:
+        speeds = track.at(times)[1][:, 0]
+        turns = np.nonzero((speeds[:-1] > 0.0) & (speeds[1:] <= 0.0))[0]
+        if len(turns) < 1 + settled:
             return None
-        first, last = around
+        part = speeds[turns] / (speeds[turns] - speeds[turns + 1])
+        ends = times[turns] + part * times[1]
         guess = unknowns.copy()
+        guess[1] = ends[0]
         if settled:
+            positions, speeds = track.at(ends)
+            apart = np.abs(positions[-2 : -2 - MOST_LAPS : -1] - positions[-1]).max(axis=1)
+            first = -2 - int(np.argmax(apart <= AGAIN * apart.min()))
             guess[: self.m] = np.array([positions[first], speeds[first]]).T.ravel()
-        guess[1] = times[last] - times[first]
+            guess[1] = ends[-1] - ends[first]
         return guess
 
     def moves(self, unknowns: Array, units: Array) -> bool:

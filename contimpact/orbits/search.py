@@ -378,12 +378,13 @@ becomes of them."""
 COARSE = 16.0
 """Units in which starts without a forcing are drawn are powers of this: they have three sizes."""
 
-TURNING_STARTS, TURNING_ITERATIONS, TURNING_STEPS = 256, 25, 2048
-"""Starts for orbits without impacts whose period is free, and the iterations of each and its steps
+TURNING_STARTS, TURNING_EVALUATIONS, TURNING_STEPS = 256, 60, 2048
+"""Starts for orbits without impacts whose period is free, and of each the evaluations and the steps
 of integration: motions that run away take very many."""
 
-SETTLING, SETTLED_SPAN = 8, 20.0
-"""One of so many of these starts is where a motion comes in so many natural periods."""
+SETTLING, SETTLED_SPAN, SETTLED_STEPS = 8, 20.0, 4096
+"""One of so many of these starts is where a motion comes in so many natural periods, and in so many
+steps at most."""
 
 SAME_ORBIT = 1e-7
 SAME_SINGULAR_ORBIT = 1e-4
@@ -651,12 +652,11 @@ def _search_turning(problem: FreeQuietProblem, generator: np.random.Generator) -
     if not problem.kernels.integrated(SECTION):
         return []
     free = [problem.model.values[name] for name in problem.kernels.parameters]
-    natural = problem.kernels.setup(*problem.model.values.values()).period
     units = COARSE ** np.round(np.log2(_units_at_rest(problem, free)) / math.log2(COARSE))
     found: list[Orbit] = []
     for trial in range(TURNING_STARTS):
         state = units * generator.normal(scale=10.0 ** (trial % 3 - 1), size=problem.m)
-        here = _solve_after(problem, np.append(state, free), natural, trial % SETTLING == 0)
+        here = _solve_after(problem, np.append(state, free), units, trial % SETTLING == 0)
         if here is not None and problem.moves(here.unknowns, units) and _is_regular(here):
             here = _from_largest(here, SAME_ORBIT * units[0])
             own = here.unknowns[: problem.m] / units
@@ -669,16 +669,41 @@ def _search_turning(problem: FreeQuietProblem, generator: np.random.Generator) -
 
 
 def _solve_after(
-    problem: FreeQuietProblem, unknowns: Array, natural: float, settled: bool
+    problem: FreeQuietProblem, unknowns: Array, units: Array, settled: bool
 ) -> Linearisation | None:
     """A cycle near what a motion does next, or near what becomes of it."""
-    length = (SETTLED_SPAN if settled else SPANS[1]) * natural
+    natural = problem.kernels.setup(*problem.model.values.values()).period
+    length, steps = (SETTLED_SPAN, SETTLED_STEPS) if settled else (SPANS[1], TURNING_STEPS)
     try:
-        with limited_steps(TURNING_STEPS):
-            guess = problem.guess_after(unknowns, length, settled)
-            return None if guess is None else solve_near(problem, guess, TURNING_ITERATIONS)
+        with limited_steps(steps), np.errstate(all="ignore"):
+            guess = problem.guess_after(unknowns, length * natural, settled)
+        if guess is None:
+            return None
+        with limited_steps(TURNING_STEPS), np.errstate(all="ignore"):
+            here = _solve_from_afar(problem, guess, units)
+            once = None if here is None else problem.first_lap(here.unknowns)[1]
+            return here if once is None else solve_near(problem, once)
     except ArithmeticError:
         return None
+
+
+def _solve_from_afar(problem: FreeQuietProblem, guess: Array, units: Array) -> Linearisation | None:
+    """A cycle by Powell's hybrid method (MINPACK), which leads to one from six times as many starts
+    as Newton's iteration."""
+    from scipy.optimize import root
+
+    def at(z: Array) -> Linearisation:
+        return problem.evaluate(np.append(z, guess[problem.n :]))
+
+    found = root(
+        lambda z: at(z).residual / units,
+        guess[: problem.n],
+        jac=lambda z: at(z).jacobian[:, : problem.n] / units[:, None],
+        options={"maxfev": TURNING_EVALUATIONS},
+    )
+    if not found.success:
+        return None
+    return solve_near(problem, _round_unknowns(problem, np.append(found.x, guess[problem.n :])))
 
 
 def _from_largest(here: Linearisation, same: float) -> Linearisation:

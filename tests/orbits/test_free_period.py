@@ -616,7 +616,9 @@ def test_the_other_cycle_of_a_symmetric_pair_is_found():
     scene = cycle_scene("x - x**3 + (0.9 - x**2)*v", "x <= d", range=[1.3, 2], orbits=["0"])
     model = scene.model
     law = {"fun": lambda t, z: [z[1], z[0] - z[0] ** 3 + (0.9 - z[0] ** 2) * z[1]], **TIGHT}
-    orbits = ci.find_orbits(model, "0", parameter="d")
+    found = [ci.find_orbits(model, "0", parameter="d", rng=seed) for seed in (0, 1)]
+    assert [len(orbits) for orbits in found] == [3, 3]  # by Newton's iteration 3 and 2
+    orbits = found[0]
     for orbit in orbits:
         start = [orbit.unknowns[0], 0.0]
         motion = solve_ivp(t_span=(0, orbit.period), y0=start, **law)
@@ -693,6 +695,52 @@ def test_cycles_are_found_where_starts_at_random_run_away():
     assert cycle.stable
     assert cycle.unknowns[0] == pytest.approx(motion.y_events[0][-1][0], rel=1e-9)
     assert cycle.unknowns[1] == pytest.approx(np.diff(motion.t_events[0])[-1], rel=1e-9)
+
+
+def lorenz(r):
+    law = {"x": "10*(y - x)", "y": "x*(r - z) - y", "z": "x*y - 8*z/3"}
+    model = {
+        "system": "hybrid",
+        "period": 1.1,
+        "parameters": {"r": r, "h": 100.0},
+        "modes": {"free": law},
+        "guards": {"S": {"mode": "free", "within": "x <= h", "to": "free", "set": {"x": "-x"}}},
+    }
+    asked = {"parameter": "r", "range": [0.8 * r, 1.2 * r], "orbits": ["0"]}
+    return ci.read_scene({"name": "lorenz", "model": model, "follow": asked}).model
+
+
+@pytest.mark.full
+@integrated
+def test_a_large_cycle_that_is_computed_in_pieces_does_not_come_to_rest():
+    """Where differences grow, its rows became those of pieces, and one of them was taken for the
+    acceleration on the section: it "shrank to an equilibrium" with x from -42 to 42."""
+    model = lorenz(152.913966)
+    problem = problem_of(model, Word("", 0), Kernels(model, "r"))
+    guess = [42.0431, 1.192169, 42.0431, -2516.990135, 211.780867, 1202.873295, 152.913966]
+    orbit = orbit_at(problem, np.array(guess))
+    branch = ci.continue_orbit(orbit, "r", (147.0, 153.0), events=["FB"])
+    assert sorted(branch["r"][[0, -1]]) == [147.0, 153.0]
+    x, y, z, r = (branch[name] for name in ("x0_0", "x1_0", "x2_0", "r"))
+    turning = 10.0 * (x * (r - z) - y)
+    assert np.all(turning < -20_000.0)
+
+
+@pytest.mark.full
+@integrated
+def test_a_cycle_that_turns_often_is_found_where_it_attracts():
+    """That of Lorenz (1963) at r = 160 (Sparrow 1982) has three maxima of x: no start of 256 at
+    random led to it."""
+    (cycle,) = ci.find_orbits(lorenz(160.0), "0", parameter="r")
+
+    def law(t, u):
+        return [10 * (u[1] - u[0]), u[0] * (160 - u[2]) - u[1], u[0] * u[1] - 8 * u[2] / 3]
+
+    start = [*cycle.unknowns[:6:2]]
+    motion = solve_ivp(law, (0, cycle.unknowns[1]), start, **TIGHT)
+    assert motion.y[:, -1] == pytest.approx(start, rel=1e-8)
+    assert np.max(motion.y[0]) <= start[0] + 1e-8
+    assert cycle.stable
 
 
 @integrated
