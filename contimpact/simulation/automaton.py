@@ -40,6 +40,7 @@ from .flights import (
     LinearMotion,
     LinearWindow,
     Window,
+    integrated_windows,
     jump_derivative,
     linear_windows,
     of_guards,
@@ -284,7 +285,12 @@ class Automaton:
             for one in until_repeated(flown):
                 yield one, held
             return
-        known = (self.kernels, self.values, self.guards[wall], self.positions[wall], state)
+        guard = self.guards[wall]
+        if self.kernels.integrated(guard.name):
+            for part in integrated_windows(self.kernels, self.values, guard, state, lengths):
+                yield part, 0
+            return
+        known = (self.kernels, self.values, guard, self.positions[wall], state)
         for begin, length in lengths:
             yield KernelWindow(*known, begin, length), 0
 
@@ -299,7 +305,7 @@ class Automaton:
         try:
             found = self._first(window, held, left, mode_of)
         except (ArithmeticError, ValueError):
-            if not isinstance(window, KernelWindow):
+            if isinstance(window, LinearWindow):
                 raise
         else:
             return None if found is None else (found[0] + window.begin, found[1])

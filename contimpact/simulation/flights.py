@@ -6,7 +6,7 @@ import functools
 import math
 import types
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
@@ -26,7 +26,7 @@ from ..segments.flight import (
     turns_along,
     zeros_in_turn,
 )
-from ..segments.integration import StepLimitError
+from ..segments.integration import StepLimitError, statement
 from ..segments.kernel import Family
 from ..segments.kernels import Kernels
 from ..segments.linear_flow import Shape, flow
@@ -551,6 +551,103 @@ def linear_windows(
         state = motion.resting(motion.embedded(state[:size], state[size : 2 * size], now))
 
 
+@dataclass(frozen=True, eq=False)
+class IntegratedWindow:
+    """The same of a flight that is integrated."""
+
+    field: str
+    numbers: Sequence[float]
+    """What `integration.flown` takes of the field's flight from a known state on."""
+    known: float
+    """When that is, since the flight's start: at the window's beginning or before."""
+    size: int
+    """Coordinates of the model, of which the mode has the first ones."""
+    begin: float
+    length: float
+
+    @functools.cached_property
+    def state(self) -> Array:
+        """Positions and velocities at the window's beginning, shape (2, size)."""
+        if self.begin == self.known:
+            own = statement(self.field).freedom
+            return self._whole(*np.reshape(self.numbers[1 : 1 + 2 * own], (2, own)))
+        return replace(self, begin=self.known, length=self.begin - self.known).after
+
+    @functools.cached_property
+    def track(self) -> IntegratedTrack:
+        """The states in the window."""
+        return IntegratedTrack(self.field, self._from(self.begin, self.state), self.length)
+
+    @property
+    def after(self) -> Array:
+        """The same where the window ends."""
+        return self._at(self.length)
+
+    def then(self, begin: float, length: float) -> IntegratedWindow:
+        """Return the window that begins where this one ends."""
+        return replace(
+            self,
+            numbers=self._from(self.begin + self.length, self.after),
+            known=begin,
+            begin=begin,
+            length=length,
+        )
+
+    def _from(self, begin: float, state: Array) -> list[float]:
+        """What `integration.flown` takes from a state on."""
+        own = statement(self.field).freedom
+        moved = self.numbers[0] + (begin - self.known)
+        return [moved, *state[:, :own].ravel().tolist(), *self.numbers[1 + 2 * own :]]
+
+    def _at(self, dt: float) -> Array:
+        found = self.track.at(np.array([dt]))
+        return self._whole(found[0][0], found[1][0])
+
+    def _whole(self, x: Array, v: Array) -> Array:
+        """The state of all coordinates: those that the mode does not have are at zero."""
+        whole = np.zeros((2, self.size))
+        whole[:, : len(x)] = x, v
+        return whole
+
+    def coordinate(self, guard: Guard) -> Coordinate:
+        row = guard.row(self.size)
+        curve = self.track.along(row, from_start=True)
+        return curve, curve.breaks(), float(self.state[0] @ row)
+
+    def beginning(self, guard: Guard) -> tuple[float, float]:
+        x, v = (self.state @ guard.row(self.size)).tolist()
+        return x, v
+
+    def bounds(self, guard: Guard) -> tuple[float, float]:
+        return self.track.along(guard.row(self.size)).bounds()
+
+    def section(self, guard: Guard, dt: float, speed: float) -> tuple[float, ...]:
+        x, v = self._at(dt).tolist()
+        others = [i for i in range(self.size) if i != pivot(guard.row(self.size))]
+        return (speed, *(part[i] for i in others for part in (x, v)))
+
+    def release(self) -> None:
+        """Nothing is held here."""
+
+
+def integrated_windows(
+    kernels: Kernels,
+    values: Sequence[float],
+    guard: Guard,
+    start: State,
+    lengths: Iterable[tuple[float, float]],
+) -> Iterator[IntegratedWindow]:
+    """Yield the windows of a flight from a state before a guard, by their begins and lengths."""
+    field, numbers = kernels.field(guard.name)(start.phase, *start.section, *values)
+    size, window = kernels.model.DEGREES_OF_FREEDOM, None
+    for part in lengths:
+        if window is None:
+            window = IntegratedWindow(field, numbers, part[0], size, *part)
+        else:
+            window = window.then(*part)
+        yield window
+
+
 def until_repeated(found: Iterable[LinearWindow]) -> Iterator[LinearWindow]:
     """Yield windows of a flight until one is the one before it again, to rounding.
 
@@ -617,7 +714,7 @@ class KernelWindow:
         """Nothing is held here."""
 
 
-Window: TypeAlias = LinearWindow | KernelWindow
+Window: TypeAlias = LinearWindow | IntegratedWindow | KernelWindow
 
 
 def jump_derivative(kernels: Kernels, guard: str, state: State, values: Sequence[float]) -> Array:

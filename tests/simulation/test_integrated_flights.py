@@ -7,6 +7,7 @@ from scipy.integrate import solve_ivp
 
 import contimpact as ci
 from contimpact.results.scene import read_scene
+from contimpact.segments.integration import limited_steps
 from contimpact.segments.segment import ARRAYS, evaluate_in
 from contimpact.segments.track import IntegratedCurve
 from contimpact.simulation.attractor import Kind
@@ -142,3 +143,41 @@ def test_a_flight_goes_on_beside_an_unstable_motion():
         state = Simulator(scene.model).start(0.0, [x + off], [v], "m")
         assert state is not None
         assert state.turns > 30
+
+
+def test_long_flights_of_several_coordinates_go_on_from_window_to_window():
+    """Lorenz's motion that is thrown back at a plane, after up to twenty turns. Each window was
+    flown from the impact on, and bounded by what is rounded along all of it: one flight that met
+    nothing had not ended after ten minutes."""
+    law = {"x": "10*(y - x)", "y": "x*(28 - z) - y", "z": "x*y - 8*z/3"}
+    guard = {"mode": "free", "within": "x <= h", "to": "free", "set": {"x": "0.3*h"}}
+    model = {
+        "system": "hybrid",
+        "period": 0.75,
+        "parameters": {"h": 15.0},
+        "modes": {"free": law},
+        "guards": {"S": guard},
+    }
+    asked = {"parameter": "h", "range": [10, 20], "orbits": ["S"]}
+    simulator = Simulator(read_scene({"name": "thrown", "model": model, "follow": asked}).model)
+    start = simulator.random_state(np.random.default_rng(1))
+    with limited_steps(20_000) as budget:
+        run = simulator.run(start, impacts=8)
+    assert budget.left > 16_000
+
+    def flow(t, u):
+        return [10 * (u[1] - u[0]), u[0] * (28 - u[2]) - u[1], u[0] * u[1] - 8 * u[2] / 3]
+
+    def arrives(t, u):
+        return u[0] - 15.0
+
+    arrives.terminal, arrives.direction = True, 1.0
+    times = run.turns * simulator.period + run.phases
+    assert np.max(np.diff(times)) > 5.0
+    for k in range(7):
+        begun = [4.5, *run.others[k, ::2]]
+        way = (times[k], times[k] + 40.0), begun, "DOP853"
+        found = solve_ivp(flow, *way, events=arrives, rtol=1e-12, atol=1e-12)
+        assert found.t[-1] == pytest.approx(times[k + 1], abs=1e-8)
+        assert run.others[k + 1, ::2] == pytest.approx(found.y[1:, -1], abs=1e-6)
+        assert run.velocities[k + 1] == pytest.approx(flow(0.0, found.y[:, -1])[0], abs=1e-6)
