@@ -32,6 +32,7 @@ from ..continuation.branch import (
     missed_texts,
 )
 from ..continuation.corrector import EPSILON, correct
+from ..continuation.crossing_branches import Meeting
 from ..continuation.events import separate_events, snap_to_points
 from ..continuation.settings import Settings
 from ..continuation.step import Backend, Batch, DenseBackend, Position
@@ -188,7 +189,7 @@ def walk_orbits(
         policies=policies,
         parameter=problem.parameter,
         backend=backend,
-        meeting=crossing_near,
+        meeting=meeting_near,
         **options,
     )
 
@@ -222,6 +223,17 @@ def backend_of(
     if flown:
         return SwitchingBackend(backend, problem, kernels)
     return backend
+
+
+def meeting_near(
+    problem: Problem[Linearisation], guess: Point[Linearisation], scale: Array
+) -> Meeting | None:
+    """Return where branches meet next to a point; among equilibria, of any period, none does."""
+    found = crossing_near(problem, guess, scale)
+    if found is not None and isinstance(problem, FreeQuietProblem):
+        units = problem.residual_sizes(scale)[: problem.m]
+        return None if problem.rests(found.unknowns, units) else found
+    return found
 
 
 # Where branches of free period end: at equilibria, and where periods or rounding errors grow.

@@ -553,11 +553,15 @@ class FreeQuietProblem(WithoutForcing, QuietProblem):
     def moves(self, unknowns: Array, units: Array) -> bool:
         """Whether an orbit is one from where the first coordinate is largest, run once, and no
         equilibrium; one at rest is told in `units` of the state."""
-        span, state = self.span(unknowns), np.abs(self.state(unknowns))
-        size = float(np.max(np.maximum(units, state) / units)) * units[0]
-        rate = units[1] / units[0]
-        moving = span > 0.0 and self.turning(unknowns) < -STILL * size * rate**2
+        moving = self.span(unknowns) > 0.0 and self.turning(unknowns) < 0.0
+        moving = moving and not self.rests(unknowns, units)
         return moving and self.first_lap(unknowns)[1] is unknowns
+
+    def rests(self, unknowns: Array, units: Array) -> bool:
+        """Whether it is an equilibrium, which solves the equations with any period."""
+        size = float(np.max(np.maximum(units, np.abs(self.state(unknowns))) / units)) * units[0]
+        rate = units[1] / units[0]
+        return abs(self.turning(unknowns)) <= STILL * size * rate**2
 
     def scale(self, unknowns: Array, span: ArrayLike) -> Array:
         """Return natural sizes of the unknowns, by which arclength is measured."""

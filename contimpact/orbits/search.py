@@ -26,7 +26,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ..errors import InputError, count_text, random_generator
-from ..models.guards import Word, graph, parse_word
+from ..models.guards import Word, graph, orders_of, parse_word, pivot
 from ..models.model import Model, Symmetry
 from ..progress import Asked, Progress, ignore_progress, progress_lines
 from ..segments.compiling import timed_plainly
@@ -233,12 +233,12 @@ def solve_on_arrays(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
     reached: list[Array] = []
     origins: list[Array] = []
     integrated = any(problem.kernels.flown(*kind) for kind in problem.kinds)
-    typical = _typical_size(z)
+    flown, typical = _flown_from(problem), _typical_size(z)
     far = FAR * typical if integrated else math.inf
     near = AT_REST * typical if problem.autonomous and typical < math.inf else 0.0
     astray, shrunk, last = np.zeros(count, dtype=int), np.zeros(count, dtype=int), np.ones(count)
     for _ in range(ITERATIONS):
-        left = _sizes(z) < far
+        left = np.abs(z[flown]).max(axis=0) < far
         if problem.autonomous:
             left &= -z[0, 0] < LONGEST * period
         z, origin = z[..., left], origin[left]
@@ -275,6 +275,17 @@ def solve_on_arrays(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
         return np.empty((0, n * m + 1)), np.empty(0, dtype=int)
     solutions = np.concatenate(reached, axis=-1).reshape(n * m, -1).T
     return np.insert(solutions, n * m, value, axis=1), np.concatenate(origins)
+
+
+def _flown_from(problem: OrbitProblem) -> Array:
+    """Which numbers of z are of a state: not times, nor velocities that a mode has none of."""
+    size, found = problem.model.DEGREES_OF_FREEDOM, []
+    for letter in problem.word.walls:
+        guard = problem.model.guard(letter)
+        own, place = orders_of(problem.model.MODES, guard.modes[0], size), pivot(guard.row(size))
+        others = [order > k for order in (*own[:place], *own[place + 1 :]) for k in range(2)]
+        found.append([False, own[place] > 1, *others])
+    return np.array(found)
 
 
 def _typical_size(z: Array) -> float:

@@ -823,3 +823,39 @@ def test_a_contact_that_ends_without_force_touches_nothing():
     assert event.value == pytest.approx(math.hypot(1.0, math.pi), rel=1e-12)
     (branch,) = diagram.branches
     assert list(branch.physical) == list(branch.columns["A"] <= event.value)
+
+
+@integrated
+def test_a_relief_valve_is_found_and_followed_to_its_hopf_bifurcation():
+    """Its law has no value at rest, the rate of its pressure is no part of its state, and beside
+    the bifurcation the walk took equilibria of any period for branches that cross."""
+    table = {
+        "system": "hybrid",
+        "period": 1.7,
+        "parameters": {"q": 3.0},
+        "modes": {"m": {"x": "v", "v": "p - 5*v/4 - (x + 10)", "p": "20*(q - x*sqrt(p))"}},
+        "guards": {"S": {"within": "x >= 0", "set": {"v": "-4*v/5"}}},
+    }
+    asked = {"parameter": "q", "range": [1, 10], "orbits": ["S"]}
+    model = ci.read_scene({"name": "valve", "model": table, "follow": asked}).model
+    found = ci.find_orbits(model, "S", parameter="q", starts=32, rounds=1)
+    (orbit,) = (orbit for orbit in found if orbit.physical)
+
+    def law(t, y):
+        return [y[1], y[2] - 1.25 * y[1] - (y[0] + 10.0), 20.0 * (3.0 - y[0] * math.sqrt(y[2]))]
+
+    v, p = orbit.unknowns[1:3]
+    end = solve_ivp(law, (0.0, orbit.period), [0.0, -0.8 * v, p], **TIGHT).y[:, -1]
+    assert end == pytest.approx([0.0, v, p], abs=1e-10)
+
+    def hopf(x):  # q = x sqrt(x + 10), by Hurwitz' determinant
+        root = math.sqrt(x + 10.0)
+        a = 10.0 * x / root
+        return (1.25 + a) * (1.25 * a + 1.0) - (a + 20.0 * root)
+
+    x = brentq(hopf, 1.0, 5.0)
+    near = problem_of(model.replace(q=8.48), Word("", 0), Kernels(model, "q"))
+    cycle = orbit_at(near, np.array([2.642, 2.037, 10.558, -2.08, 8.48]))
+    branch = ci.continue_orbit(cycle, "q", (8.47, 10.0), events=[])
+    (rest,) = (end for end in branch.ends if end.kind is EndKind.REST)
+    assert rest.value == pytest.approx(x * math.sqrt(x + 10.0), abs=1e-5)
