@@ -578,6 +578,11 @@ class Model(ABC):
         return self.AUTONOMOUS or self.options.get("period") == FREE
 
     @property
+    def timeless(self) -> bool:
+        """Whether it is known without a look at motions that none depends on the time."""
+        return False
+
+    @property
     def tori(self) -> bool:
         """Whether two multipliers can leave the unit circle as a pair, so that a torus is born.
 

@@ -62,7 +62,7 @@ ASIDE = 0.1
 def require_no_forcing(model: Model, kernels: Kernels) -> None:
     """Raise `InputError` if motions depend on the time, or do so beside a followed parameter."""
     given = tuple(model.values.values())
-    if given in kernels.unforced:
+    if model.timeless or given in kernels.unforced:
         return
     forced, unseen = _forced_flight(kernels, model.values)
     if forced:

@@ -230,6 +230,11 @@ class HybridSystem(StatedSystem):
         return [(n, speeds.get(n, f"rate of {n}")) for n in stated.coordinates(sections)]
 
     @property
+    def timeless(self) -> bool:
+        """Whether the time stands in no law."""
+        return self.machine.autonomous
+
+    @property
     def tori(self) -> bool:
         """Whether tori can be born on orbits."""
         return super().tori or not self.autonomous

@@ -859,3 +859,20 @@ def test_a_relief_valve_is_found_and_followed_to_its_hopf_bifurcation():
     branch = ci.continue_orbit(cycle, "q", (8.47, 10.0), events=[])
     (rest,) = (end for end in branch.ends if end.kind is EndKind.REST)
     assert rest.value == pytest.approx(x * math.sqrt(x + 10.0), abs=1e-5)
+
+
+@integrated
+def test_laws_without_the_time_are_not_asked_for_it():
+    """At no random state has the flight a value."""
+    table = {
+        "system": "hybrid",
+        "period": 1.0,
+        "parameters": {"r": 0.5},
+        "modes": {"m": {"x": "v", "v": "sqrt(v - 1000) - x"}},
+        "guards": {"S": {"within": "x >= 0", "set": {"v": "-r*v"}}},
+    }
+    asked = {"parameter": "r", "range": [0, 1], "orbits": ["S"]}
+    model = ci.read_scene({"name": "high", "model": table, "follow": asked}).model
+    kernels = Kernels(model, "r")
+    assert quiet._forced_flight(kernels, model.values) == ("", "SS")
+    quiet.require_no_forcing(model, kernels)
