@@ -173,9 +173,13 @@ class PD(Kind):
     def criticality(
         self, event: OrbitEvent, before: OrbitPoint, after: OrbitPoint
     ) -> tuple[str | None, None]:
-        """None where the branch folds between the points around the event."""
+        """None where the branch folds between the points around the event, or where the laws have
+        no third derivative."""
         value = event.parameter
-        terms, crossing = _bend(event.point.evaluation)
+        try:
+            terms, crossing = _bend(event.point.evaluation)
+        except ArithmeticError:
+            return None, None
         bend = -float(np.sum(terms)) / crossing
         if not bend or (before.parameter - value) * (after.parameter - value) >= 0.0:
             return None, None

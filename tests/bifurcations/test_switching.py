@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import itertools
 import math
 
@@ -19,8 +20,9 @@ from contimpact.diagrams.orbit_walks import walk_both_ways, walk_orbits
 from contimpact.errors import InputError
 from contimpact.models.guards import Word
 from contimpact.orbits.problem import OrbitProblem
-from contimpact.orbits.search import find_orbits
+from contimpact.orbits.search import find_orbits, orbit_at
 from contimpact.results.branch import Branch
+from contimpact.results.scene import read_scene
 from contimpact.segments.kernels import Kernels
 from contimpact.systems.impact_pair import ImpactPair
 
@@ -374,3 +376,25 @@ def test_a_long_word_is_not_taken_for_a_crossing_at_each_step(monkeypatch):
     values = [point.orientation for point in walked.points]
     assert all(0.0 < after / before < 0.6 for before, after in itertools.pairwise(values))
     assert not searches
+
+
+@pytest.mark.skipif(importlib.util.find_spec("heyoka") is None, reason="needs contimpact[ode]")
+def test_a_doubling_without_a_third_derivative_is_kept():
+    """A ball falls through air onto a table: where it turns, |w| w has no second derivative, and
+    its smooth form a third one of 1e15. The run ended there."""
+    law = "-1 - b*w*sqrt(w**2 + 1/10**30) + A*cos(t)"
+    model = {
+        "system": "hybrid",
+        "period": "2*pi",
+        "parameters": {"A": 2.7, "r": 0.6, "b": 0.1},
+        "define": {"w": "u - A*sin(t)"},
+        "modes": {"m": {"y": "u", "u": law}},
+        "guards": {"S": {"within": "y >= 0", "set": {"u": "-r*u"}}},
+    }
+    asked = {"parameter": "A", "range": [2.7, 2.75], "orbits": ["S"]}
+    given = read_scene({"name": "drag", "model": model, "follow": asked}).model
+    problem = OrbitProblem(given, Word("S", 1), Kernels(given, "A"))
+    orbit = orbit_at(problem, np.array([5.6406, -4.1195, 2.7]))
+    (event,) = continue_orbit(orbit, "A", (2.7, 2.75), events=["PD"]).events
+    assert event.value == pytest.approx(2.725338565, abs=1e-9)  # by modes for both signs of w
+    assert event.criticality is None
