@@ -238,7 +238,7 @@ def solve_on_arrays(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
     near = AT_REST * typical if problem.autonomous and typical < math.inf else 0.0
     astray, shrunk, last = np.zeros(count, dtype=int), np.zeros(count, dtype=int), np.ones(count)
     for _ in range(ITERATIONS):
-        left = np.abs(z[flown]).max(axis=0) < far
+        left = np.abs(z[flown]).max(axis=0, initial=0.0) < far
         if problem.autonomous:
             left &= -z[0, 0] < LONGEST * period
         z, origin = z[..., left], origin[left]
