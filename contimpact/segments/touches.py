@@ -134,8 +134,9 @@ ROUNDING = 1e-12
 """Rounding of the position at which a flight begins, as a part of its terms; of its rate and its
 acceleration there, as parts of the largest at the ends of flights."""
 
-BRIEF = 1e-9
-"""A flight shorter than this part of the orbit's period may begin either way: it vanishes."""
+BRIEF, AT_FIRST = 1e-9, 1e-4
+"""A flight shorter than this part of the orbit's period may begin either way: it vanishes; and so
+may one from rest for so long, but for this part of the flight at most."""
 
 
 def interior_touches(
@@ -246,7 +247,7 @@ def _touches(
     slowest = math.nan
     for seen, numbers in zip(motions, coordinates(kernels.model).values(), strict=True):
         rests = not {*passages.resting(left)}.isdisjoint(numbers)
-        motion, breaks = _from_rest(seen, BRIEF * length) if rests else seen
+        motion, breaks = _from_rest(seen, _brief(length, span)) if rests else seen
         leaving = passages.leaving[left] if left in numbers else 0.0
         here = reached in numbers
         speed = arriving if here else speed_at_end(motion((), length, ()), length)
@@ -263,6 +264,11 @@ def _touches(
         if not abs(found[4]) >= abs(slowest):
             slowest = found[4]
     return touches, slowest
+
+
+def _brief(length: float, span: float) -> float:
+    """How long rounding decides which way a flight from rest begins."""
+    return min(BRIEF * span, AT_FIRST * length)
 
 
 def _from_rest(seen: Seen, brief: float) -> Seen:
@@ -358,6 +364,8 @@ def _leaving_at_once(
             left = flight.ends[0]
             if flight.length < BRIEF * span:
                 continue
+            if abs(rate) <= ROUNDING * fastest:  # a contact ends without force
+                curvature = flight.motions[g][0]((), _brief(flight.length, span), ())[2]
             for i in {*passages.beginning(left), *passages.resting(left)} & {*numbers}:
                 rates = abs(rate) > ROUNDING * fastest
                 pushed = abs(curvature) > ROUNDING * strongest

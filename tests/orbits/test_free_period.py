@@ -876,3 +876,37 @@ def test_laws_without_the_time_are_not_asked_for_it():
     kernels = Kernels(model, "r")
     assert quiet._forced_flight(kernels, model.values) == ("", "SS")
     quiet.require_no_forcing(model, kernels)
+
+
+@integrated
+def test_a_follower_leaves_its_cam_from_where_the_contact_has_no_force_on():
+    """Its flight begins at rest without acceleration, and vanishes where the force of the contact,
+    n + k e less the amplitude of its wave, does; rounding made it begin into the cam before."""
+    law = "-(y + h) - c*(v + e*w*sin(s)) - n - e*w**2*cos(s)"
+    model = {
+        "system": "hybrid",
+        "period": "2*pi/w",
+        "parameters": {"e": 0.5, "w": 1.955, "c": 0.1, "n": 0.9},
+        "define": {"h": "e*(1 - cos(s))"},
+        "modes": {
+            "contact": {"s": "w", "N": "w*e*((1 - w**2)*sin(s) + c*w*cos(s))"},
+            "apart": {"y": "v", "v": law, "s": "w"},
+        },
+        "guards": {
+            "L": {"mode": "contact", "within": "N >= 0", "to": "apart", "set": {"y": 0, "v": 0}},
+            "S": {"mode": "apart", "within": "y >= 0", "to": "contact"},
+            "P": {"mode": "contact", "within": "s <= 2*pi", "set": {"s": 0}},
+        },
+    }
+    model["guards"]["S"]["set"] = {"N": "e*w**2*cos(s) + h + c*e*w*sin(s) + n"}
+    asked = {"parameter": "w", "range": [1.9, 1.96], "orbits": ["LSP"]}
+    given = ci.read_scene({"name": "cam", "model": model, "follow": asked}).model
+    problem = problem_of(given, Word("LSP", 0), Kernels(given, "w"))
+    near = [-3.214, -0.3935, 3.068, 1.955, -2.9222, -0.0055, 3.638, 1.955, -1.569, 1.955, 2.811]
+    orbit = orbit_at(problem, np.array([*near, 0.191, 1.955]))
+    branch = ci.continue_orbit(orbit, "w", (1.9, 1.96), events=["G", "V"], unphysical=False)
+    onset = brentq(lambda w: 1.4 - math.hypot(0.5 * w**2 - 0.5, 0.05 * w), 1.5, 2.5, xtol=1e-15)
+    assert {event.kind for event in branch.events} == {"V"}
+    assert branch.events[-1].value == pytest.approx(onset, abs=1e-13)
+    leaves = (branch["v1"] < 0.0) & (branch["w"] > onset + 1e-8)
+    assert branch["physical"][leaves].all()
