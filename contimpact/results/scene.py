@@ -351,11 +351,10 @@ def read_model(given: Mapping[str, Any], systems: Mapping[str, type[Model]] | No
     kind = system(table.get("system", str), "model.system", systems)
     if kind.STATED and "machine" not in given:
         return STATEMENTS[kind.SYSTEM](table, kind)
-    options = {name: table.get(name, str, default) for name, default in kind.OPTIONS.items()}
-    if table.has("period"):
-        options["period"] = table.get("period", str)
+    named = (*kind.OPTIONS, "period")
+    options = {name: table.get(name, str) for name in named if table.has(name)}
     parameters = table.table("parameters")
-    if name := next((name for name in options if name in parameters.data), ""):
+    if name := next((name for name in named if name in parameters.data), ""):
         found = "not a parameter but an option"
         raise InputError(parameters.place(name), found, f"give it as model.{name}")
     values = {name: parameters.get(name, float) for name in parameters.data}
@@ -363,8 +362,7 @@ def read_model(given: Mapping[str, Any], systems: Mapping[str, type[Model]] | No
     try:
         return kind(**values, **options)
     except InputError as error:
-        named = error.where in options or error.where == "parameters"
-        inside = "model" if named else "model.parameters"
+        inside = "model" if error.where in (*named, "parameters") else "model.parameters"
         raise error.within(inside) from None
 
 

@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 
 import contimpact as ci
 from contimpact.errors import InputError
+from contimpact.results.scene import read_model
 from contimpact.simulation.run import Outcome
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.belt import Belt
@@ -178,7 +179,10 @@ def test_slip_ahead_of_the_belt_mirrors_slip_behind_it(orbit):
 
 def test_what_is_stated_of_friction_holds():
     assert Belt(**VALUES).options["friction"] == "constant"
-    assert Belt(**VALUES | {"delta": 0.5}).options["friction"] == "weakening"
+    weak = VALUES | {"delta": 0.5}
+    assert Belt(**weak).options["friction"] == "weakening"
+    stated = read_model({"system": "belt", "parameters": weak})
+    assert stated.options["friction"] == "weakening"
     with pytest.raises(InputError, match="delta: friction is stated to be constant"):
         Belt(**VALUES).replace(delta=0.1)
     with pytest.raises(InputError, match="friction: found 'dry'"):
