@@ -702,7 +702,8 @@ def plot_basins(found: Basins, ax: Any = None) -> Any:
         here = (a.walls == found.wall_number) & ~a.released
         here &= (a.velocities >= low) & (a.velocities <= high)
         size = 5 if a.period is not None else 2
-        ax.plot((a.times[here] / period) % 1.0, a.velocities[here], **look | {"markersize": size})
+        drawn = look | {"markersize": size, "clip_on": False}
+        ax.plot((a.times[here] / period) % 1.0, a.velocities[here], **drawn)
         handles.append(style.legend_mark(label=f"{plain_text(a.notation)}, {share:.0%}", **look))
     ax.set_xlim(0.0, 1.0)
     ax.set_title(f"{len(found.phases)} by {len(found.velocities)} starts", fontsize=8, loc="right")
@@ -729,8 +730,7 @@ def plot_fractions(
     name = x or found.parameter
     places = [next(iter(there.values())).parameters[name] for there in found.attractors]
     handles = _draw_bands(ax, found.shares, dict(zip(found.values, places, strict=True)))
-    across = _across(np.array(places))
-    ax.set_xlim(across.min(), across.max())
+    ax.margins(x=0.02 if len(places) > 1 else 0.0)  # the intervals at both ends are seen
     if len(places) == 1:
         ax.set_xticks(places)
     counted = f"{found.starts} starts, {100 * found.confidence:g} % intervals"

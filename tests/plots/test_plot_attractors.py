@@ -227,6 +227,7 @@ def test_basins_name_value_and_starts(simulation, kernels_of):
     found = basins(simulator, shape=(3, 4), settling=QUICK)
     ax = pictures.plot_basins(found)
     assert sorted(ax.get_title(loc="right").split()[::2][:2]) == ["3", "4"]
+    assert not any(marks.get_clip_on() for marks in ax.lines)  # at the edge, too
     pictures._head(ax.figure, simulation, found.parameters)
     assert "$s$ = 0.3562 m" in ax.figure.get_suptitle()
     assert np.sum(found.shares) == pytest.approx(1.0)

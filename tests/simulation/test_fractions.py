@@ -101,6 +101,12 @@ def test_intervals_are_exact(found):
         assert interval == pytest.approx((exact.low, exact.high), abs=1e-12)
 
 
+def test_intervals_at_the_ends_of_a_picture_are_seen(found):
+    low, high = plot_fractions(found).get_xlim()
+    assert low < min(found.values)
+    assert max(found.values) < high
+
+
 def test_bands_of_a_single_value_have_a_width():
     found = basin_fractions(PAIR, "s", [0.3562], starts=12)
     ax = plot_fractions(found)
