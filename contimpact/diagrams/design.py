@@ -37,7 +37,7 @@ from ..results.scene import Scene, load_scene, read_scene
 from ..segments.kernels import Kernels
 from ..simulation.attractor import Attractor
 from ..simulation.attractor import Kind as MotionKind
-from ..simulation.integrity import basin_fractions
+from ..simulation.integrity import basin_fractions, require_starts
 from ..simulation.settle import settle
 from ..simulation.simulator import Simulator
 from ..simulation.sweep import is_orbit
@@ -271,6 +271,9 @@ class _Designer:
         self.known: dict[tuple[str, ...], Kernels] = {}
         self.rng = np.random.default_rng(scene.seed)
         self.notes, self.failed = list[str](), list[str]()
+        self.box = scene.simulate.box if scene.simulate else None
+        if asked.fraction:
+            require_starts(Simulator(scene.model), self.box)
 
     def design(self) -> Design:
         """Optimise each word from the best random starts, then at each margin."""
@@ -406,7 +409,7 @@ class _Designer:
         name, orbit = self.names[0], one.orbit
         starts = self.asked.fraction_starts
         found = basin_fractions(
-            orbit.model, name, [orbit[name]], starts=starts, rng=self.scene.seed
+            orbit.model, name, [orbit[name]], starts=starts, box=self.box, rng=self.scene.seed
         )
         if found.interrupted:
             raise KeyboardInterrupt
@@ -519,7 +522,8 @@ class _Designer:
 
     def climb(self, at: _Iterate, margin: float) -> tuple[_Iterate, bool]:
         """Raise the output step by step; return where it ends, and whether it has settled."""
-        size, radius, penalty = abs(at.value) or 1.0, RADIUS, PENALTY
+        size, radius = abs(at.value) or 1.0, RADIUS
+        penalty = max(PENALTY, 2.0 * float(np.max(self.prices(at)[0], initial=0.0)) / size)
         hessian = unbent = np.eye(len(self.names))
         learnt = False  # whether the step, or its length, comes from what earlier steps have shown
         for _ in range(ITERATIONS):

@@ -667,8 +667,8 @@ class DesignOptions:
     )
     fraction: float = key(
         0.0,
-        "part of random starts that has to lead to the orbit, or a mirror image of equal output; "
-        "if not, the next optimum is taken",
+        "part of random starts, in `simulate.box`, that has to lead to the orbit, or a mirror "
+        "image of equal output; if not, the next optimum is taken",
         check=_fraction,
     )
     fraction_starts: int = key(200, "so many starts", most=MOST_STARTS)

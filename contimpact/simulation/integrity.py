@@ -353,8 +353,8 @@ def require_starts(simulator: Simulator, box: Mapping[str, Any] | None) -> None:
     try:
         _start(start_box(simulator, box), simulator, np.random.default_rng(0))
     except InputError as error:
-        stated = "simulate" if error.where.startswith("box") else "simulate.box"
-        raise error.within(stated if box else "simulate.fractions") from None
+        stated = "simulate.box" if box else "simulate.fractions"
+        raise error.within("simulate" if error.where.startswith("box") else stated) from None
 
 
 def _start(area: StartBox, simulator: Simulator, generator: np.random.Generator) -> State | None:

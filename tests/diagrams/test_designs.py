@@ -212,6 +212,34 @@ def test_fractions_of_starts():
 
 
 @pytest.mark.full
+def test_a_limit_that_costs_much_is_kept_on_the_way_to_another_margin():
+    """A penalty below a limit's price led elsewhere, and its basin had no box to start in."""
+    given = {
+        "name": "oscillator",
+        "model": {
+            "system": "oscillator",
+            "parameters": {"a": 1, "omega": 1.47, "c": 0.2, "k": 1, "sigma": 0.1, "r": 0.7},
+        },
+        "follow": {"parameter": "sigma", "range": [0.1, 1.2], "orbits": ["1"]},
+        "output": {"D": "c*v**2", "P": {"before_impacts": "v**2", "per": "time"}},
+        "design": {
+            "maximise": "P",
+            "bounds": {"sigma": [0.1, 1.2], "omega": [1, 2]},
+            "margins": [0.5],
+            "tolerances": {"sigma": 0.05},
+            "limits": {"D": 0.5},
+            "fraction": 0.1,
+            "fraction_starts": 2,
+            "starts": 8,
+        },
+    }
+    with pytest.raises(ci.InputError, match=r"^simulate\.box\.position: no two walls"):
+        ci.design(given)
+    found = ci.design(given | {"simulate": {"box": {"position": [-2, 0.1]}}})
+    assert found.trade_off[0].value == pytest.approx(found.best.value, rel=1e-6)
+
+
+@pytest.mark.full
 @pytest.mark.parametrize(("output", "both"), [("U**2", True), ("sin(pi*t)", False)])
 def test_a_mirror_image_counts_if_it_gives_as_much(output, both):
     """At beta = 0 two 1:1 orbits attract, each the other's mirror image half a period later."""
