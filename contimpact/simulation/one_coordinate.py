@@ -185,7 +185,7 @@ class OneCoordinate:
         self._motion = motion_at(self.motions, self.values)
         self.zeros = time_zeros(kernels.harmonics(*self.values), period)
         self._holds = of_guards(model, self._hold)
-        fastest = [hold.largest * period for hold in self._holds]
+        fastest = [hold.bound * period for hold in self._holds]
 
         def restitution(k: int) -> float:
             return coefficient(self._motion, k, fastest[k]) if guards[k].rigid else 1.0
@@ -232,7 +232,7 @@ class OneCoordinate:
             low=[low for low, _ in around],
             high=[high for _, high in around],
             restitution=list(self.restitution),
-            slow=[slow_velocity(e, hold.largest, self.period) for e, hold in pairs],
+            slow=[slow_velocity(e, hold.bound, self.period) for e, hold in pairs],
             edges=[edge for hold in self._holds for edge in hold.edges],
             presses=[int(press) for hold in self._holds for press in hold.presses],
             first=np.cumsum([0, *(len(hold.edges) for hold in self._holds)]).tolist(),
@@ -248,7 +248,8 @@ class OneCoordinate:
         """Return an impact at random: wall, phase, and a velocity up to what a period gives."""
         wall = int(generator.integers(len(self.sides)))
         phase = float(generator.uniform(0.0, self.period))
-        return State(wall, phase, self.sides[wall] * float(generator.uniform(0.0, self.fastest)))
+        limit = 0.5 * self.period * max(hold.bound for hold in self._holds)
+        return State(wall, phase, self.sides[wall] * float(generator.uniform(0.0, limit)))
 
     # Sticking and flights.
 

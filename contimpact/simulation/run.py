@@ -355,7 +355,12 @@ class Hold(NamedTuple):
     presses: tuple[bool, ...]
     """Whether the body is pressed against the wall in the interval after each."""
     largest: float
-    """A bound of its size."""
+    """Its largest size, of 65 phases."""
+
+    @property
+    def bound(self) -> float:
+        """A bound of its size."""
+        return 1.1 * self.largest
 
 
 def hold_of(
@@ -370,7 +375,7 @@ def hold_of(
     pressed = [bool(side * float(acceleration(np.float64(t))) > 0.0) for t in middles]
     changes = [i for i in range(len(edges)) if pressed[i] != pressed[i - 1]] or [0]
     size = float(np.max(np.abs(acceleration(np.linspace(0.0, period, 65)))))
-    return Hold(tuple(edges[i] for i in changes), tuple(pressed[i] for i in changes), 1.1 * size)
+    return Hold(tuple(edges[i] for i in changes), tuple(pressed[i] for i in changes), size)
 
 
 def pressing_at(body: Body, wall: int, phase: float) -> tuple[bool, float]:

@@ -137,6 +137,8 @@ def test_boxes_are_stated_in_physical_terms():
         assert 0.0 <= time < 2.0
         assert abs(x) <= simulator.derived["d"] / 2.0
         assert abs(v) <= simulator.fastest
+    half_a_period = 0.5 * simulator.period * (1.0 + simulator.derived["gbar"])
+    assert simulator.fastest == pytest.approx(half_a_period, rel=1e-12)
     given = start_box(simulator, {"position": [0.0, 0.1], "velocity": [0.5, 0.5]})
     _, (x,), (v,) = given.draw(simulator, rng)
     assert 0.0 <= x <= 0.1
