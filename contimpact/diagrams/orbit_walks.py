@@ -390,10 +390,9 @@ class _SymmetricEnd(Policy):
             own = self.images(point.unknowns, OFF_IMAGE)
             self.kinds = [k for k in (EndKind.SHORTER, EndKind.SYMMETRIC) if k not in own]
         for event in events:
-            if event.kind == BranchPoint.kind:
-                for kind in self.images(event.point.unknowns, AT_IMAGE):
-                    if kind in self.kinds:
-                        return self.end(kind, event.point), event.point
+            for kind in self.images(event.point.unknowns, AT_IMAGE):
+                if kind in self.kinds:
+                    return self.end(kind, event.point), event.point
         return None
 
     def images(self, unknowns: Array, tolerance: float) -> list[EndKind]:

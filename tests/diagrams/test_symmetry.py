@@ -15,6 +15,7 @@ from contimpact.diagrams.explore import follow
 from contimpact.diagrams.orbit_branch import continue_born, continue_orbit
 from contimpact.orbits.search import find_orbits
 from contimpact.systems.impact_pair import ImpactPair
+from contimpact.systems.soft_stop import SoftStop
 
 DOUBLING = 0.383143488343165
 """Where 1:1 doubles its period at beta = pi/6, r = 0.3, A = 5."""
@@ -59,6 +60,21 @@ def test_a_scene_says_what_a_doubled_orbit_became():
     (met,) = (e for e in doubled[0].ends if e.kind is EndKind.KNOWN)
     assert met.message.startswith(f"met branch {single.id} at s = 0.38314348")
     assert all(each_once(b) for b in both.branches)
+
+
+@pytest.mark.full
+def test_a_doubled_orbit_of_a_soft_stop_ends_where_all_its_contacts_come_to_rest():
+    """There the motion without contact, of a known amplitude, reaches the stop."""
+    model = SoftStop(a=1.0, omega=2.07, c=0.15, k=1.0, e=0.3, k_b=30.0, c_b=0.5)
+    orbit = next(o for o in find_orbits(model, "CR", parameter="omega") if o.physical)
+    single = continue_orbit(orbit, range=(2.06, 2.1), events=["PD"])
+    (doubling,) = single.events
+    doubled = continue_born(doubling, model, (2.06, 2.1), events=["FB", "PD", "V"])
+    assert [e.kind for e in doubled.ends] == [EndKind.BORN, EndKind.SHORTER]
+    omega = doubled.ends[1].value
+    assert math.hypot(1.0 - omega**2, 0.15 * omega) == pytest.approx(1.0 / 0.3, abs=1e-9)
+    assert doubled.missed == []
+    assert each_once(doubled)
 
 
 def test_a_born_branch_ends_where_it_falls_back():
