@@ -574,7 +574,7 @@ class Study(NotebookResult):
         orbit : str
             The notation of the orbit it is asked of.
         at : mapping of str to float, optional
-            Values of the study's other axes, if it has any.
+            Values of the study's other axes, if any has several.
 
         Raises
         ------
@@ -582,7 +582,8 @@ class Study(NotebookResult):
             If there is no such quantity or axis, or another axis is left open.
         """
         which, chosen = quantity_of(quantity), _axes(self, axes)
-        places = _scenes_at(self, chosen, at or {})
+        at = _only_values(self, chosen) | dict(at or {})
+        places = _scenes_at(self, chosen, at)
         known = which.values(self, orbit)
         empty = None if which.named else np.nan
         values = [known.get(scene, empty) for scene in places]
@@ -592,7 +593,7 @@ class Study(NotebookResult):
         said = which.text.format(orbit=orbit, along=falling, parameter=parameter)
         kind: Any = object if which.named else float
         column = np.array(values, dtype=kind)
-        curves = codimension_two(self, chosen, orbit, at or {})
+        curves = codimension_two(self, chosen, orbit, at)
         return Map(self.name, quantity, said, chosen, x, y, column, which.named, curves)
 
 
@@ -791,6 +792,13 @@ def _axes(study: Study, axes: Sequence[str] | None) -> tuple[str, str]:
     return x, y
 
 
+def _only_values(study: Study, axes: tuple[str, str]) -> dict[str, float]:
+    """The values of those other axes that have only one."""
+    columns = study.scenes().arrays()
+    each = {name: {*columns[name].tolist()} for name in study.axes if name not in axes}
+    return {name: values.pop() for name, values in each.items() if len(values) == 1}
+
+
 def _scenes_at(
     study: Study, axes: tuple[str, str], at: Mapping[str, float]
 ) -> dict[int, tuple[float, float]]:
@@ -798,7 +806,8 @@ def _scenes_at(
     for name in (*at, *study.axes):
         if name not in study.axes or (name in at) == (name in axes):
             open_ = ", ".join(a for a in study.axes if a not in axes) or "none"
-            raise InputError("at", f"found {', '.join(at) or 'nothing'}", f"give values of {open_}")
+            found = f"found {name!r}" if name in at else f"found nothing for {name!r}"
+            raise InputError("at", found, f"give values of {open_}")
     columns = study.scenes().arrays()
     keep = np.ones(len(columns["scene"]), dtype=bool)
     for name, value in at.items():

@@ -275,6 +275,17 @@ def test_what_cannot_be_asked(ask, asked):
     assert len(asked.events()) == 60
 
 
+def test_an_axis_with_one_value_needs_none(tmp_path):
+    given = study_given("one", grid=GRID | {"A": [5.0]})
+    del given["model"]["parameters"]["A"]
+    study = read_study(given)
+    with Store(tmp_path / "one.sqlite") as store:
+        number = store.enter(study)
+        store.record(number, 0, {"beta": 0.1, "r": 0.2, "A": 5.0}, outcome(0.1, 0.2))
+    with Study(tmp_path / "one.sqlite") as one:
+        assert one.map("ends").values.tolist() == one.map("ends", at={"A": 5.0}).values.tolist()
+
+
 def of(shown):
     return {
         (round(x, 9), round(y, 9)): v
