@@ -481,7 +481,8 @@ def _simulated(
         hitting = [row for row in settled if row.attractor.velocities.size]
         values = [row.value for row in hitting]
         largest = [row.attractor.fastest for row in hitting]
-        found.append(Motion(shorten_names(names), None, low, high, len(rows), values, largest))
+        said = shorten_names(names), None, low, high, len(rows), values, largest
+        found.append(Motion(*said, met=sorted({*names})))
     motions_lost = count_text(lost, "simulated motion")
     note = f"{motions_lost} on no branch had not settled; give [simulate] more periods"
     return found, [note] * (lost > 0)
@@ -614,13 +615,15 @@ def _on_branches(fractions: Iterable[Share], diagram: Diagram, sweep: Sweep | No
 
 def _owners(share: Share, here: Sequence[Motion]) -> list[Motion]:
     """The motions in a range that a share may be of: those of its branch, or of its notation if its
-    orbit is not known, or else those that simulation alone shows."""
+    orbit is not known, or else those that simulation alone shows, of periodic ones if it has met
+    the notation."""
     mine = [
         m
         for m in here
         if m.branch and (m.branch == share.branch if share.word else m.notation == share.notation)
     ]
-    return mine or [m for m in here if m.branch is None]
+    alone = [m for m in here if m.branch is None]
+    return mine or [m for m in alone if not share.word or share.notation in m.met]
 
 
 def _unlisted(ranges: Sequence[Range], parameter: str, shares: Sequence[Share]) -> list[str]:

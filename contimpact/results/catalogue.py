@@ -600,6 +600,8 @@ class Motion:
     values: Sequence[float] = field(repr=False)
     speeds: Sequence[float] = field(repr=False)
     """`values`, `speeds`: the largest speed before an impact at rising values."""
+    met: Sequence[str] = field(default=(), repr=False)
+    """Notations of the attractors simulated."""
 
     def speed(self, low: float, high: float) -> float:
         """Return the largest impact speed between two values.

@@ -184,6 +184,11 @@ def test_fractions_belong_to_motions(diagram):
     assert parts == {"2:1": (0.37, 0.37), "1:1/C": (0.63, 0.63)}
     assert found.at(0.5).observed[0].fractions == (1.0, 1.0)
     assert found.at(0.3).observed[0].fractions is None
+    shares[1:2] = [Share(0.356, "1:1/C", 0.6), Share(0.356, "(8:6)/6T", 0.03, word="B" * 14)]
+    found = attractor_ranges(diagram, rows, fractions=shares)
+    assert found.at(0.356).observed[1].fractions == (0.6, 0.6)
+    assert any("3 % of starts lead to (8:6)/6T, on no branch" in note for note in found.notes)
+    shares[1:3] = [Share(0.356, "1:1/C", 0.63)]
     missed = attractor_ranges(diagram, fractions=[*shares, Share(0.5, "3:3", 0.02)]).notes
     assert "s = 0.5: 2 % of starts lead to 3:3, on no branch and in no sweep" in missed
     assert "s = 0.356: 63 % of starts lead to 1:1/C, on no branch and in no sweep" in missed
