@@ -265,7 +265,7 @@ class Fit(NotebookResult):
             lines.append(f"  {name} = {value:.9g}" + (f" +- {error:.2g}" if error >= 0.0 else ""))
         lines += [f"  {text}" for text in told.notes]
         for other in self.others[:3]:
-            further = other.misfit - self.misfit
+            further = max(other.misfit - self.misfit, 0.0)
             found = f"  further: {other.orbit.notation}, {other.state}: misfit larger by "
             lines.append(f"{found}{further:.3g}")
         return "\n".join(lines)
@@ -409,8 +409,10 @@ def _elsewhere(
     return [], f" and {ELSEWHERE} others around them"
 
 
-def _rank(one: Fit) -> tuple[bool, float]:
-    return len(set(one.impacts.tolist())) < len(one.orbit.word), one.misfit
+def _rank(one: Fit) -> tuple[bool, float, bool]:
+    """Of orbits that fit equally well, to rounding, that comes first which can be observed."""
+    lacking = len(set(one.impacts.tolist())) < len(one.orbit.word)
+    return lacking, round(one.misfit, 6), one.state != "stable"
 
 
 def _same(one: Fit, other: Fit) -> bool:

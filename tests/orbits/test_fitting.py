@@ -180,6 +180,21 @@ def test_where_no_orbit_is_at_the_start_others_are_drawn(two_one):
 
 
 @pytest.mark.full
+@pytest.mark.full
+def test_of_orbits_that_fit_equally_well_the_stable_one_comes_first():
+    """With one impact in a period a damping below zero gives the same time and velocity."""
+    model = ci.Oscillator(a=1.0, omega=1.47, c=0.2, k=1.0, sigma=0.1, r=0.7)
+    orbit = next(o for o in ci.find_orbits(model, "1", parameter="sigma") if o.stable)
+    k = np.arange(6)
+    times = orbit.times[0] + k * orbit.period + 0.002 * (-1.0) ** k
+    data = {"time": times, "velocity": orbit.velocities[0] + 0.003 * np.cos(k)}
+    found = ci.fit(model.replace(c=0.25), "1", data, ["c"])
+    assert found.state == "stable"
+    assert found.values["c"] == pytest.approx(0.2, abs=3e-4)
+    assert [one.state for one in found.others] == ["unstable"]
+    assert "misfit larger by 0" in repr(found)
+
+
 def test_which_word_is_nearest(two_one):
     """Data of the stable orbit prefer it to the unstable one and to other words."""
     data = measured(two_one, noise=NOISE)
