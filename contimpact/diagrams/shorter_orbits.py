@@ -180,10 +180,10 @@ def _parts(here: Linearisation, count: int) -> tuple[Array, float]:
 
 def _passed_word(before: Point[CurvePoint], after: Point[CurvePoint]) -> Word | None:
     """The word of the shorter orbit that a curve passes between two points: its parts, at all
-    impacts at once, change places."""
+    impacts at once, change places; without impacts there are none to tell."""
     orbits = [point.evaluation.orbit for point in (before, after)]
     size = orbits[0].sizes[1][: orbits[0].problem.n]
-    for word in sorted(orbits[0].problem.word.repeated(), key=len):
+    for word in sorted(filter(len, orbits[0].problem.word.repeated()), key=len):
         parts = (_parts(orbit, len(word))[0] for orbit in orbits)
         first, last = ((part - part.mean(axis=0)).ravel() / size for part in parts)
         change = last - first

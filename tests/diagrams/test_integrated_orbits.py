@@ -273,3 +273,15 @@ def test_where_that_fold_is_born_in_a_third_parameter(forgetful):
     assert [third["r"][0], third["r"][-1]] == pytest.approx([0.7, 0.9])
     assert third["omega"] == pytest.approx(forgetful[0], abs=1e-10)
     assert third["a"] == pytest.approx(forgetful[1], abs=1e-10)
+
+
+def test_events_of_a_doubled_orbit_without_impacts_are_followed():
+    """The stop has no influence on them; curves ended in an error."""
+    well = {"a": 0.183, "omega": 1.1, "c": 0.2, "alpha": -1.0, "beta": 1.0, "r": 0.75}
+    model = ci.Duffing(**well, sigma=1.3)
+    orbits = ci.find_orbits(model, "0/2T", parameter="a", starts=32, rounds=2)
+    orbit = next(o for o in orbits if o.stable)
+    (doubling,) = ci.continue_orbit(orbit, range=(0.18, 0.19), events=["PD"]).events
+    curve = ci.follow_curve(doubling, None, "sigma", (0.18, 0.19), (1.29, 1.31))
+    assert curve["a"] == pytest.approx(doubling.value, abs=1e-12)
+    assert (curve["sigma"].min(), curve["sigma"].max()) == pytest.approx((1.29, 1.31))
