@@ -100,8 +100,9 @@ class BallProblem(Equations):
 
 Function: TypeAlias = Callable[[list[Any]], list[Any]]
 
-STEPS = 12
-"""Newton steps at most; doubles are right to some digits from the beginning."""
+STEPS, BITS_A_STEP = 12, 16
+"""Newton steps at most, and a further one for so many bits; doubles are right to some digits from
+the beginning."""
 
 ROUNDING = 1e-18
 """Steps below this that fall no more are those of rounding, where a system is ill-conditioned."""
@@ -117,7 +118,7 @@ def refine_zero(system: Function, guess: Sequence[float], inverse: Any) -> Balls
     None where the iteration does not converge.
     """
     x, before = [arb(value) for value in guess], arb(1)
-    for _ in range(STEPS):
+    for _ in range(STEPS + ctx.prec // BITS_A_STEP):
         step = (inverse * column([f.mid() for f in system(x)])).entries()
         if not all(s.is_finite() for s in step):
             return None

@@ -69,6 +69,14 @@ def test_every_entry_is_certified_to_rounding_of_its_precision(diagram, proven):
         assert abs(value - entry.value) < entry.error
 
 
+@pytest.mark.parametrize("bits", [512, 1024])
+def test_an_entry_is_certified_with_many_bits(diagram, bits):
+    for entry in diagram.entries:
+        record = certify_entry(entry, bits=bits, most=bits)
+        assert record.certified
+        assert record.certified_radius < 2.0 ** (60 - bits)
+
+
 def test_the_branch_is_complete(proven):
     (branch,) = proven.branches
     assert branch.complete
