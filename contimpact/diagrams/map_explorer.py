@@ -25,7 +25,7 @@ from ..models.guards import Word
 from ..models.model import Model
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
-from ..orbits.search import repeats, solve_near
+from ..orbits.search import SAME_ORBIT, repeats, solve_near
 from ..progress import Progress, counting_callback, ignore_progress
 from ..results.branch import Branch, Entry, details_of, model_of, orbit_of
 from ..results.curve import (
@@ -264,6 +264,8 @@ def _first_curve_point(
         guess = middle + distance * tangent
         solved = correct(curve, guess, tangent / scale**2, scale, CURVE_SETTINGS).evaluation
         if not isinstance(solved, CurvePoint) or curve.kind.curve_end(solved.own):
+            continue
+        if repeats(curve.orbit, solved.orbit.unknowns, SAME_ORBIT):  # the curve of a shorter orbit
             continue
         names = curve.orbit.kernels.parameters
         values = [solved.parameter(name) for name in names]

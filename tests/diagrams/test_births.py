@@ -15,7 +15,7 @@ from contimpact.bifurcations.kind import kind_of
 from contimpact.diagrams.curves import follow_curve
 from contimpact.diagrams.map_explorer import entries_born, follow_codim2, model_at_point, orbit_at
 from contimpact.diagrams.orbit_branch import continue_orbit
-from contimpact.orbits.search import find_orbits
+from contimpact.orbits.search import find_orbits, repeats
 from contimpact.results.branch import orbit_of
 from contimpact.results.catalogue import load_diagram
 from contimpact.results.options import CURVE_SETTINGS
@@ -228,6 +228,19 @@ def test_a_pair_on_the_unit_circle_beside_a_fold():
     torus = follow_curve(start, machine, "m1", *ranges)
     (same,) = [p for p in torus.points if p.kind == "NS-FB"]
     assert same.parameters == pytest.approx(point.parameters, abs=1e-10)
+
+
+def test_no_orbit_of_several_laps_is_entered_for_the_one_that_grazes():
+    """Beside the crossing of their curves Newton's method may lead from one to the other."""
+    model, ranges = ImpactPair(beta=0.41, r=0.31, A=6.3, s=0.2095), [(0.1, 1.3), (0.15, 0.85)]
+    orbits = find_orbits(model, "2:1/2T", parameter="s", starts=32)
+    branches = [continue_orbit(o, range=(0.2, 0.215), events=("PD",)) for o in orbits]
+    (doubling,) = [event for branch in branches for event in branch.events]
+    points = follow_curve(doubling, model, "r", *ranges).points
+    point = max((p for p in points if p.kind == "PD-G"), key=lambda p: p.parameters["r"])
+    found = list(entries_born(doubling, point, model, ("G",), Kernels(model, "s", "r"), ranges))
+    assert len(found) == 4
+    assert not any(repeats(o.problem, o.unknowns, 1e-6) for o in map(orbit_of, found))
 
 
 @pytest.mark.full
