@@ -13,6 +13,7 @@ from ..arrays import Array
 from ..bifurcations.kind import kind_of
 from ..bifurcations.requested import PERIOD
 from ..continuation.branch import Event, Point, Points
+from ..continuation.corrector import first_tangent
 from ..display import NotebookResult, Summary, frame, limit_lines
 from ..errors import InputError, count_text, short_repr
 from ..models.guards import state_before
@@ -427,8 +428,10 @@ def event_of(entry: Entry, model: Model | None = None, kernels: Kernels | None =
     orbit = orbit_of(entry, model, kernels)
     problem = orbit.problem
     details = details_of(entry)
-    tangent = np.array(entry.tangent) if entry.tangent is not None else np.zeros(problem.n + 1)
-    point = Point(orbit.linearisation, tangent, 0.0, entry.arclength, 0)
+    here, recorded = orbit.linearisation, entry.tangent
+    tangent = recorded or first_tangent(problem, here.jacobian, here.sizes[1])
+    along = np.zeros(problem.n + 1) if tangent is None else np.array(tangent)
+    point = Point(here, along, 0.0, entry.arclength, 0)
     return Event(entry.kind, point, entry.residual, entry.error, entry.method, details)
 
 

@@ -21,6 +21,8 @@ from contimpact.bifurcations.grazing import (
     predict,
     windows,
 )
+from contimpact.bifurcations.kind import kind_of
+from contimpact.results.diagram import event_of
 
 
 def real_grazings(branch):
@@ -41,6 +43,13 @@ def pair_grazings():
         branch = ci.continue_orbit(orbit, "s", range=(s - 0.03, s), events=["G"])
         (found[word],) = real_grazings(branch)
     return found
+
+
+def test_a_restored_grazing_has_its_criticality():
+    """An entry keeps no tangent of its branch; the orbit tells it, up to a sign."""
+    for entry in pair_grazings().values():
+        side, slope = kind_of("G").criticality(event_of(entry), None, None)
+        assert (side, slope) == (entry.criticality, pytest.approx(entry.slope))
 
 
 # The square root and its linearisation, from the true return map.
