@@ -251,6 +251,8 @@ class Kind(ABC):
     """Why orbits beyond it are unphysical: a finding of `contimpact.orbits.status`."""
     multiplier: float | None = None
     """The value of a multiplier there."""
+    inverts: bool = False
+    """Whether a multiplier passes infinity there, and changes its sign."""
     crossing: bool = False
     """Whether branches cross there: the catalogue keeps the branch's direction."""
     needed: tuple[str, ...] = ()
@@ -637,7 +639,8 @@ def _unexplained(
     if any(all(map(kind_of(kind).explains, Change)) for kind in between):
         return []
     lacking: list[str] = []
-    for kinds in _causes_by_multiplier(left, right):
+    turned = sum(kind_of(kind).inverts for kind in between)
+    for kinds in _causes_by_multiplier(left, right, turned):
         found = next((kind for kind in between if kind in kinds), None)
         if found is None:
             lacking += [kind for kind in kinds if kind in asked][:1]
@@ -755,16 +758,18 @@ def _causes(left: OrbitPoint, right: OrbitPoint, change: Change) -> list[str]:
     return [kind for kinds in _causes_by_multiplier(left, right) for kind in kinds]
 
 
-def _causes_by_multiplier(left: OrbitPoint, right: OrbitPoint) -> list[list[str]]:
+def _causes_by_multiplier(left: OrbitPoint, right: OrbitPoint, turned: int = 0) -> list[list[str]]:
     """The kinds of events of which one lies between two points, for each multiplier that passes the
-    unit circle there; that of a pair passes two.
+    unit circle there; that of a pair passes two. So often one is `turned`: it passes infinity and
+    changes its sign.
 
     Two that meet on the real axis and leave it, or come back, pass nothing there: above 1 and below
     -1 an odd number tells that one has passed, and all together how many more have. Where none is
     real outside the circle on one side alone, those are pairs.
     """
     moved = np.subtract(_count_outside(left), _count_outside(right))
-    passed = [value for value, number in zip((1.0, -1.0), moved, strict=False) if number % 2]
+    sides = zip((1.0, -1.0), moved, strict=False)
+    passed = [value for value, number in sides if (number + turned) % 2]
     one, other, pairs = (_kinds_at(value) for value in (1.0, -1.0, None))
     more = abs(sum(moved)) - len(passed)
     either = [*pairs, *one, *other] if any(moved[:2]) else pairs

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from zoo import ROOT
 
-from contimpact.bifurcations.kind import _causes_by_multiplier
+from contimpact.bifurcations.kind import _causes_by_multiplier, _unexplained
 from contimpact.bifurcations.kind import test_functions as functions_of
 from contimpact.continuation.branch import MissedEvent
 from contimpact.continuation.settings import Settings
@@ -171,6 +171,30 @@ def test_multipliers_that_meet_off_the_unit_circle_need_no_event(left, right, ca
         for values in (left, right)
     ]
     assert _causes_by_multiplier(*points) == causes
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "times", "causes"),
+    [
+        ((1.07, 0.5), (0.01, 0.5), 1, [FLIP]),  # 1.07, infinity, -2, -1, 0.01
+        ((1.07, 0.5), (-1.07, 0.5), 1, []),
+        ((1.07, 0.5), (0.01, 0.5), 2, [SINGLE]),
+        ((0.9, 0.5), (0.9, 0.5), 1, [SINGLE, FLIP]),
+    ],
+)
+def test_a_multiplier_that_passes_infinity_at_a_v_comes_back_at_the_other_side(
+    left, right, times, causes
+):
+    """A fold was said not to be located on branches that double twice next to a V."""
+    points = [
+        SimpleNamespace(
+            arclength=place, evaluation=SimpleNamespace(multipliers=np.array(values, complex))
+        )
+        for place, values in ((0.0, left), (1.0, right))
+    ]
+    events = [SimpleNamespace(kind="V", point=SimpleNamespace(arclength=0.5))] * times
+    found = _unexplained(events, *points, ("FB", "PD", "V"), math.inf)
+    assert found == [kinds[0] for kinds in causes]
 
 
 @pytest.mark.parametrize("longest", [0.1, 0.97])
