@@ -12,9 +12,12 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.optimize import fsolve, minimize_scalar
 
+from contimpact.diagrams.curves import follow_curve
 from contimpact.diagrams.explore import follow
+from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.errors import InputError
 from contimpact.models.guards import state_before
+from contimpact.orbits.search import find_orbits
 from contimpact.results.scene import read_scene
 
 QUICK = (2, 1, 4, 6, 1016, 1069, 1222)
@@ -300,6 +303,27 @@ def test_nothing_is_born_where_a_touch_is_a_jump():
         return [reached - 1, peak - 1, drive + a * math.cos(w * touched) - peak]
 
     assert touch.value == pytest.approx(fsolve(equations, [-0.3, 0.5, 1.4], xtol=1e-12)[2], 1e-9)
+
+
+def test_no_fold_is_born_where_a_touch_is_a_jump():
+    """A bumper kicks what hits it. An orbit with the touch as an impact of velocity zero is none;
+    where its matrix was singular a G-FB was reported, at w = 1.0634 for one."""
+    table = {
+        "name": "bumper",
+        "model": {
+            "system": "hybrid",
+            "period": "2*pi/w",
+            "parameters": {"w": 1.7, "s": -0.2, "p": 0.3},
+            "modes": {"free": {"x": "v", "v": "cos(w*t) - x - v/10"}},
+            "guards": {"K": {"within": "x <= s", "set": {"v": "-0.6*v - p"}}},
+        },
+        "follow": {"parameter": "s", "range": [-0.5, 0], "orbits": ["K"]},
+    }
+    model = read_scene(table).model
+    orbit = next(o for o in find_orbits(model, "K", parameter="s", starts=16) if o.physical)
+    (touch,) = continue_orbit(orbit, range=(-0.5, 0.0), events=["G"]).events
+    curve = follow_curve(touch, "w", (-0.5, 0.5), (1.0, 1.8))
+    assert [point.kind for point in curve.points] == ["G-PD", "G-PD"]
 
 
 def test_sliding_that_ends_on_another_variable_is_born_at_its_grazing():

@@ -20,6 +20,7 @@ from ..bifurcations.kind import Kind
 from ..bifurcations.sliding import (
     CROSSING,
     SWITCHING,
+    is_jump,
     letter_of_merger,
     other_end_of,
     replace_letters,
@@ -150,7 +151,7 @@ class Remains:
 
 def remains_of(problem: OrbitProblem, z: Balls, details: Mapping[str, Any]) -> Remains | None:
     """Return what is left at an event; None where nothing vanishes, as where a contact that lasts
-    begins or ends at rest."""
+    begins or ends at rest, or an impact at rest is a jump."""
     impact, flight = details.get("impact"), details.get("flight")
     if "touch_time" in details or (impact is None) == (flight is None):
         return None
@@ -159,6 +160,8 @@ def remains_of(problem: OrbitProblem, z: Balls, details: Mapping[str, Any]) -> R
         return _without_flight(problem, unknowns, details["flight"])
     if sliding_kind_of_zero_velocity(problem, unknowns, impact) == SWITCHING:
         return _merged_remains(problem, (impact - 1) % len(problem.word))
+    if is_jump(problem.evaluate(unknowns), impact):
+        return None
     return _remains_without(problem, unknowns, impact)
 
 
@@ -262,7 +265,7 @@ class Orbit:
             flights = self._flights()
         except (ValueError, ZeroDivisionError) as error:
             return None, str(error)
-        if self._lasts:
+        if self._stays:
             counted = count_outside(flights)
             return (None, ON_CIRCLE) if counted is None else (counted - 1, "")
         try:
@@ -283,10 +286,11 @@ class Orbit:
         return remains_of(self.space.problem, self.z, self.details)
 
     @property
-    def _lasts(self) -> bool:
-        """Whether the event is that a contact which lasts begins or ends at rest: a multiplier is
-        infinite, and the event's."""
-        return {"impact", "flight"} <= set(self.details) and "touch_time" not in self.details
+    def _stays(self) -> bool:
+        """Whether an impact at rest does not vanish, that of a contact which lasts or a jump: a
+        multiplier is infinite, and the event's."""
+        at_rest = "impact" in self.details and "touch_time" not in self.details
+        return at_rest and self._remains is None
 
     def _flights(self) -> list[Flight]:
         """The flights that tell the multipliers; those of the word without impacts at rest."""
@@ -733,8 +737,9 @@ class Gap:
 
     def _leaves(self, rate: Any, curvature: Any) -> bool:
         """Whether the gap, zero at the start of a cell, is positive behind it."""
-        at_rest = self.start[1] == 0  # an impact at rest leaves at rest
-        return bool(rate > 0 or (curvature > 0 and (at_rest or self.at(arb(0))[1] >= 0)))
+        first = self.at(arb(0))[1]
+        at_rest = self.start[1] == 0 and first.contains(0)  # it leaves at rest, if it is no jump
+        return bool(rate > 0 or (curvature > 0 and (at_rest or first >= 0)))
 
     def _arrives(self, rate: Any, curvature: Any) -> bool:
         """Whether the gap, zero at the end of the flight, is positive before it."""

@@ -52,6 +52,33 @@ def test_the_infinite_multiplier_of_a_contact_that_lasts_is_the_events_own():
     assert certify_entry(wrong, recorded).clause == "physicality"
 
 
+def test_an_impact_at_rest_that_is_a_jump_does_not_vanish():
+    """A bumper kicks what touches it: the orbit without that impact is none, and its multipliers
+    were taken for those of the event."""
+    table = {
+        "name": "bumper",
+        "model": {
+            "system": "hybrid",
+            "period": "2*pi/w",
+            "parameters": {"w": 1.7, "s": 0.4},
+            "modes": {"free": {"x": "v", "v": "cos(w*t) - x - v/10"}},
+            "guards": {"K": {"within": "x <= s", "set": {"v": "-0.6*v - 0.3"}}},
+        },
+        "follow": {"parameter": "s", "range": [-0.5, 1.2], "orbits": ["K/2T"]},
+    }
+    model = contimpact.read_scene(table).model
+    orbits = contimpact.find_orbits(model, "K/2T", parameter="s", starts=16)
+    branches = [contimpact.continue_orbit(o, range=(0.2, 1.2), events=["V"]) for o in orbits]
+    events = [event for branch in branches for event in branch.events]
+    assert events
+    for event in events:
+        here = orbit_of(event, model).linearisation
+        found = certify_entry(event, lambda here=here: here)
+        assert found.certified, found
+        wrong = dataclasses.replace(event, n_unstable=event.n_unstable + 1)
+        assert certify_entry(wrong, lambda here=here: here).clause == "stability"
+
+
 @pytest.mark.parametrize("kind", ["G", "V"])
 @pytest.mark.full
 def test_where_sliding_vanishes_multipliers_are_those_without_it(kind):
