@@ -428,7 +428,9 @@ values with many."""
 
 FEWEST_VALUES = 5
 
-SAME_ORBIT_ON_LINES = 1e-7
+SAME_ORBIT_ON_LINES, BESIDE = 1e-7, 1e-3
+"""How near one orbit is to another that it is, and how far from a crossing one of its branches is
+looked for, in natural sizes."""
 
 
 def crossing_runs(
@@ -476,6 +478,10 @@ def _nearby_orbit(problem: OrbitProblem, guess: Array, limits: Range) -> Array |
     """The orbit of the branch next to a guess, at a fold too; None if there is none."""
     try:
         scale, tangent = _tangent_at(problem, guess, limits)
+        if tangent is None:  # branches cross there: one of them is beside
+            kernel = np.linalg.svd(problem.evaluate(guess).jacobian * scale)[2][-1]
+            guess = guess + BESIDE * scale * kernel
+            scale, tangent = _tangent_at(problem, guess, limits)
         if tangent is None:
             return None
         here = correct(problem, guess, tangent / scale**2, scale, Settings()).evaluation

@@ -11,13 +11,22 @@ from zoo import scene
 
 from contimpact.bifurcations.codimension_two import repeat_orbit
 from contimpact.diagrams.explore import follow
-from contimpact.diagrams.map_lines import Line, Lines, passes_entry, run_along, run_on_line
+from contimpact.diagrams.map_lines import (
+    Line,
+    Lines,
+    _nearby_orbit,
+    passes_entry,
+    run_along,
+    run_on_line,
+)
+from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.errors import InputError
 from contimpact.orbits.search import find_orbits
 from contimpact.page.data import remarks_in
 from contimpact.progress import ignore_progress
 from contimpact.results.catalogue import load_diagram, write_diagram
 from contimpact.segments.kernels import Kernels
+from contimpact.systems.impact_pair import ImpactPair
 
 pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
 
@@ -39,6 +48,17 @@ def map_of(beta, r=0.5, word="1:1", cover=2, **curves):
 def covered():
     given = map_of(math.pi / 3)
     return given, follow(given)
+
+
+def test_an_orbit_is_found_where_a_line_passes_a_branch_point():
+    """The equations have no tangent there: the branch was left out, and the map incomplete."""
+    model = ImpactPair(beta=0.41, r=0.47, A=6.3, s=0.5)
+    orbit = next(o for o in find_orbits(model, "1:1", parameter="s") if o.physical)
+    (doubling,) = continue_orbit(orbit, range=(0.3, 0.5), events=("PD",)).events
+    there = repeat_orbit(doubling.orbit().linearisation)
+    found = _nearby_orbit(there.problem, there.unknowns, (0.1, 1.3))
+    assert np.max(np.abs(there.problem.evaluate(found).residual)) < 1e-12
+    assert 1e-5 < np.max(np.abs(found - there.unknowns)) < 1e-2
 
 
 @pytest.mark.full
