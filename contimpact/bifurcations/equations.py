@@ -193,6 +193,19 @@ class Equations:
 
         return system, [float(details["touch_time"]), *[0.0] * (m - 2)]
 
+    def leaving_without_rate(self, impact: int, wall: str) -> System:
+        """F = 0, and a flight leaves a guard's surface, which it would reach at once, at rest."""
+        reach = self.problem.kernels.segment(self.problem.word.walls[impact], wall)
+        rows, rest = reach.over(self.arithmetic), [self.number(0)] * (self.problem.m - 1)
+
+        def rate(x: list[Any]) -> Any:
+            start = self.impacts(x)[impact]
+            return self.number(
+                rows(self.leaving(start, 0), [start[0], *rest], self.values(x))[0][1]
+            )
+
+        return self.vanishing(rate)
+
     def duration(self, z: list[Any], flight: int) -> Any:
         """A flight's duration."""
         rows = self.impacts(z[: self.problem.n + 1])

@@ -304,8 +304,11 @@ class G(Kind):
         return places_of(Grazing(here.problem), here)
 
     def in_many_digits(self, orbit: Equations, unknowns: Array, details: Details) -> System | None:
-        inside = onset_of(orbit.problem, details) is None
-        return orbit.grazing(unknowns, details) if inside else None
+        begun = onset_of(orbit.problem, details)
+        if begun is None:
+            return orbit.grazing(unknowns, details)
+        place = details["impact"], details["wall"]
+        return orbit.leaving_without_rate(*place) if begun.on_surface else None
 
     def born(self, event: OrbitEvent) -> Start | None:
         here: Linearisation = event.point.evaluation

@@ -102,7 +102,7 @@ def certified_entry(
     """Return a certified entry as it is looked for on tubes."""
     inner = [arb(text) for text in certificate.inner]
     z = inner[: problem.n + 1]
-    if entry.touch_time is None:
+    if entry.touch_time is None or entry.impact is not None:  # it touches inside no flight
         return CertifiedEntry(entry.id, entry.kind, z)
     return CertifiedEntry(entry.id, entry.kind, z, entry.flight, entry.wall, inner[problem.n + 1])
 

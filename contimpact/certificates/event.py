@@ -284,8 +284,9 @@ def _prove_existence(
         raise RejectedError("crossing", f"no symmetry says that branches meet; nu is {nu}")
     z = inner[: problem.n + 1]
     exact = dict(details)
-    if "touch_time" in details:
-        exact["touch_time"] = inner[problem.n + 1]
+    if "touch_time" in details:  # where the flight begins, or inside
+        begun = "impact" in details
+        exact["touch_time"] = inner[problem.m * details["impact"] if begun else problem.n + 1]
     stopped: tuple[int, ...] = ()
     if "touch_time" in details:
         stopped = tuple(resting_impacts(space, box, inner))

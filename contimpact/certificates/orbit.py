@@ -468,16 +468,18 @@ class Orbit:
         )
 
     def touches(self) -> Claim:
-        """Return whether the event's touch is a strict local minimum of the gap."""
+        """Return whether the event's touch is a strict local minimum of the gap; where the flight
+        begins there, its gap only has to bend."""
         if "touch_time" not in self.details:
             return True, ""
         gap = Gap(self.space, self.z, self.details["flight"], self.details["wall"])
         curvature = gap.at(self.details["touch_time"] - gap.begin)[2]
         within = self.details["touch_time"] - gap.begin
-        ends = bool(self.space.problem.word.walls)
-        if ends and not (within > 0 and within < gap.duration):
+        begins, ends = "impact" in self.details, bool(self.space.problem.word.walls)
+        if ends and not begins and not (within > 0 and within < gap.duration):
             return None, f"the touch comes {within.str(6)} after the flight leaves"
-        return (True, "") if curvature > 0 else (None, f"the gap bends by {curvature.str(6)}")
+        bends = curvature > 0 or (begins and curvature < 0)
+        return (True, "") if bends else (None, f"the gap bends by {curvature.str(6)}")
 
 
 def characteristic(flights: Sequence[Flight]) -> tuple[Any, Any, Any]:

@@ -54,7 +54,8 @@ def test_the_infinite_multiplier_of_a_contact_that_lasts_is_the_events_own():
 
 def test_an_impact_at_rest_that_is_a_jump_does_not_vanish():
     """A bumper kicks what touches it: the orbit without that impact is none, and its multipliers
-    were taken for those of the event."""
+    were taken for those of the event. What runs away from it so fast that the kick stops it leaves
+    without a rate, which was not proven."""
     table = {
         "name": "bumper",
         "model": {
@@ -68,9 +69,9 @@ def test_an_impact_at_rest_that_is_a_jump_does_not_vanish():
     }
     model = contimpact.read_scene(table).model
     orbits = contimpact.find_orbits(model, "K/2T", parameter="s", starts=16)
-    branches = [contimpact.continue_orbit(o, range=(0.2, 1.2), events=["V"]) for o in orbits]
+    branches = [contimpact.continue_orbit(o, range=(-0.5, 1.2), events=["V", "G"]) for o in orbits]
     events = [event for branch in branches for event in branch.events]
-    assert events
+    assert {(event.kind, event.impact) for event in events} >= {("V", 0), ("G", 0)}
     for event in events:
         here = orbit_of(event, model).linearisation
         found = certify_entry(event, lambda here=here: here)
