@@ -28,6 +28,7 @@ from ..orbits.problem import Array, Linearisation, OrbitProblem
 from ..orbits.quiet import QuietProblem, problem_of
 from .at_rest import Curve, points_at_rest
 from .codimension_two import (
+    SMALLEST,
     CurveStart,
     CurveTest,
     GrazingCoincides,
@@ -87,7 +88,16 @@ class DoublingTurns(CurveTest):
     changes = "the period doubling changes between supercritical and subcritical"
 
     def of(self, here: CurvePoint) -> float:
-        return float(np.sum(_bend(here.orbit)[0])) * scaled_determinant(here.orbit, 1.0)
+        """Where an impact is at rest, C(1) is singular, so that its determinant and what is solved
+        with it are rounding; their product is not, if both have the same factors."""
+        orbit, n = here.orbit, here.orbit.problem.n
+        bend = float(np.sum(_bend(orbit)[0]))
+        if orbit.problem.autonomous:
+            return bend * scaled_determinant(orbit, 1.0)
+        rows, sizes = orbit.sizes
+        sign, logarithm = np.linalg.slogdet(orbit.cyclic(1.0)[:, :n])
+        logarithm += np.sum(np.log(sizes[:n] / rows))
+        return bend * float(sign * np.exp(max(logarithm, SMALLEST)))
 
     def locate(
         self, problem: Problem[CurvePoint], guess: Point[CurvePoint], index: int

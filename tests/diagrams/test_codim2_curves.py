@@ -238,6 +238,18 @@ def test_a_marked_point_is_physical_if_its_curve_is_on_one_side():
     assert all(curve["physical"][row] == 1 and not curve["reason"][row] for row in changes)
 
 
+def test_no_gpd_is_made_of_rounding_where_an_impact_is_at_rest():
+    """All along a curve of PD-V the determinant of C(1) is rounding, and its sign by chance."""
+    limits = (0.1, 0.2), (0.72, 0.85), (5.85, 6.35)
+    model = ImpactPair(beta=0.41, r=0.79, A=6.3, s=0.13)
+    orbits = find_orbits(model, "BTB", parameter="s", starts=32)
+    branches = (continue_orbit(orbit, range=limits[0], events=("PD",)) for orbit in orbits)
+    doubling = next(event for branch in branches for event in branch.events)
+    (point,) = follow_curve(doubling, "r", *limits[:2]).points
+    found = follow_codim2(doubling, point, second="r", third="A", ranges=limits)
+    assert (point.kind, found.points, found.missed) == ("PD-V", [], [])
+
+
 @pytest.mark.full
 def test_a_gpd_of_free_period_is_followed():
     """Its orbit was restored without its period, and parts of an eigenvector that are zero were
