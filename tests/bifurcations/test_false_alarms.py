@@ -13,6 +13,7 @@ from contimpact.bifurcations.kind import _causes_by_multiplier, _unexplained
 from contimpact.bifurcations.kind import test_functions as functions_of
 from contimpact.continuation.branch import MissedEvent
 from contimpact.continuation.settings import Settings
+from contimpact.diagrams.explore import follow
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.diagrams.orbit_walks import walk_both_ways
 from contimpact.models.guards import Word
@@ -275,3 +276,28 @@ def test_two_extrema_that_are_born_beyond_a_wall(limits):
     assert np.any(near[:, 0] > 0.2)
     assert np.any(near[:, 0] < -0.5)  # it jumps on the way
     assert np.all(np.abs(near[:, 1] + 0.645) < 0.2)
+
+
+def test_orbits_that_all_belong_to_one_value_have_no_folds():
+    """The current of a coil that is switched off at I and on by a clock: its map is linear, and
+    where its slope is -1 every current has the period two."""
+    model = {
+        "system": "hybrid",
+        "period": 1.0,
+        "parameters": {"I": 1.7},
+        "modes": {"on": {"i": "2 - i/2", "s": "1"}, "off": {"i": "-1 - i/2", "s": "1"}},
+        "guards": {
+            "T": {"mode": "on", "within": "i <= I", "to": "off"},
+            "C": {"mode": "off", "within": "s <= 1", "to": "on", "set": {"s": 0}},
+        },
+    }
+    asked = {"parameter": "I", "range": [1.6, 1.8], "orbits": ["TC"], "switch": ["PD"]}
+    asked |= {"unphysical": False}
+    scene = {"name": "coil", "model": model, "follow": asked, "detect": {"events": ["FB", "PD"]}}
+    diagram = follow(read_scene(scene | {"numerics": {"max_points": 12, "starts": 32}}))
+    # I + 2 = exp(1/2) (4 - I)
+    value = (4.0 * math.exp(0.5) - 2.0) / (1.0 + math.exp(0.5))
+    assert "FB" not in {entry.kind for entry in diagram.entries}
+    (doubling,) = (entry for entry in diagram.entries if entry.kind == "PD")
+    assert doubling.value == pytest.approx(value, rel=1e-14)
+    assert np.ptp(diagram.branches[1]["I"]) < 1e-12
