@@ -39,6 +39,7 @@ from ..results.diagram import to_orbit
 from ..results.options import MarginOptions, tolerance_sizes
 from ..segments.kernels import Kernels
 from .curve_problem import CurveProblem, equations_of, slope_of
+from .orbit_walks import AT_IMAGE, OFF_IMAGE, symmetric_end
 
 ITERATIONS, APPROACH, APPROACHED = 80, 20, 1e-3
 """Iterations at most, and those after which residuals are below this, if any event is near."""
@@ -306,6 +307,8 @@ class Search:
         n, self.center = self.problem.n, np.array([model.values[name] for name in tolerances])
         self.start = self.problem.evaluate(np.append(orbit.unknowns[:n], self.center))
         self.kinds = [kind_of(name) for name in USUAL]
+        self.images = symmetric_end(self.problem) if orbit.word.walls else None
+        self.own = self.images.images(self.start.unknowns, OFF_IMAGE) if self.images else []
         self.found, self.tried, self.lost = list[_Found](), list[_Found](), list[_Lost]()
         self.kept: dict[tuple[Any, ...], EventMargin] = {}
 
@@ -399,6 +402,9 @@ class Search:
             return None, f"the orbit is unphysical beyond ({there.verdict.reason})"
         if there.n_unstable:
             return None, "the orbit is unstable beyond"
+        images = self.images.images(there.unknowns, AT_IMAGE) if self.images else []
+        if not {*images} <= {*self.own}:
+            return None, "the orbit is one of shorter period, or symmetric, beyond"
         jump = np.abs(np.abs(there.multipliers) - np.abs(here.multipliers))
         if not np.max(jump, initial=0.0) < JUMP:
             return None, "its multipliers grow without bound"

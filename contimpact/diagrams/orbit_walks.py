@@ -356,7 +356,7 @@ def _mirror_image(
     return rotate_to_word(*mirror_orbit(problem, unknowns, symmetry), problem.word)
 
 
-def symmetric_end(problem: OrbitProblem, known: Known | None = None) -> Policy | None:
+def symmetric_end(problem: OrbitProblem, known: Known | None = None) -> _SymmetricEnd | None:
     """Return what ends a walk at the branch point where its orbits become images of themselves.
 
     It is for a walk that looks for BP; None where no orbit of the problem can be an image

@@ -344,3 +344,17 @@ def test_margins_are_the_same_in_any_units(length, time):
     assert [event.label for event in found.events] == ["G[1->2]", "FB"]
     distances = [event.distance for event in found.events]
     assert distances == pytest.approx([4.693830643, 4.740965717], abs=1e-8)
+
+
+@pytest.mark.parametrize("within", [5.0, 10.0, 20.0])
+def test_a_doubled_orbit_has_a_margin_from_where_it_is_born(within):
+    """Beyond, lines went on along the single orbit; its doubling is known in closed form."""
+    ball = ci.BouncingBall(a=0.002997, omega=60.0, r=0.8, g=9.81)
+    orbits = ci.find_orbits(ball, "1/2T", parameter="a")
+    doubled = next(o for o in orbits if o.stable)
+    nearest = ci.find_margins(doubled, {"a": 2e-4, "r": 0.02}, within).nearest
+    assert nearest.label == "BP"
+    r = nearest.orbit["r"]
+    squares = (math.pi * (1 - r) / (1 + r)) ** 2 + (2 * (1 + r * r) / (1 + r) ** 2) ** 2
+    assert nearest.orbit["Gamma"] ** 2 == pytest.approx(squares, rel=1e-12)
+    assert nearest.distance < 0.4
