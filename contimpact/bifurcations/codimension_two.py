@@ -459,6 +459,10 @@ class FoldBorn(TouchSingular):
         factor = _acceleration(here.orbit, flight, wall, since)  # which is no fold's
         return np.sign(factor) * value
 
+    def accept(self, event: Event[CurvePoint]) -> bool:
+        """Where the touch is a jump, no orbit has it as an impact."""
+        return super().accept(event) and _is_closed(self.counted(event.point.evaluation))
+
 
 TOGETHER = 1e-6
 """Part of the period within which impacts happen at once."""

@@ -561,12 +561,6 @@ def remove_impacts(here: Linearisation, impact: int) -> tuple[OrbitProblem, Arra
     return shorter, shorter.with_impacts(kept, here.span, here.unknowns)
 
 
-def is_jump(here: Linearisation, impact: int) -> bool:
-    """Whether the orbit without an impact of zero velocity is another one, or none."""
-    shorter = remove_impacts(here, impact)
-    return shorter is None or not is_same_orbit(shorter[0].evaluate(shorter[1]))
-
-
 def other_end_of(here: Linearisation, impact: int) -> tuple[int, ...]:
     """Return the same, with the impact at the other end of a flight that takes no time."""
     dropped = vanishing_impacts(here.problem, impact)

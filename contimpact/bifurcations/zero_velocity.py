@@ -251,7 +251,7 @@ class V(Kind):
 
     def born(self, event: OrbitEvent) -> Start | None:
         here: Linearisation = event.point.evaluation
-        shorter = _remove_impact(here, event.details)
+        shorter = remove_impact(here, event.details)
         return None if shorter is None else null_vector_start(*shorter)
 
     def continues(self, event: OrbitEvent) -> bool:
@@ -260,7 +260,7 @@ class V(Kind):
         return event.details["impact"] in contacts and "flight" not in event.details
 
     def next_word(self, event: OrbitEvent) -> Word | None:
-        shorter = _remove_impact(event.point.evaluation, event.details)
+        shorter = remove_impact(event.point.evaluation, event.details)
         return None if shorter is None else shorter[0].word
 
     def critical(self, multipliers: Array) -> list[int]:
@@ -268,7 +268,7 @@ class V(Kind):
         return [int(np.argmax(np.abs(multipliers)))]
 
     def multipliers(self, here: Linearisation, details: Details) -> tuple[Array, int]:
-        shorter = _remove_impact(here, details)
+        shorter = remove_impact(here, details)
         if shorter is None:
             return super().multipliers(here, details)
         there = shorter[0].evaluate(shorter[1])
@@ -301,7 +301,7 @@ def _impact_at_rest(here: CurvePoint) -> tuple[int, str, float]:
     return impact, here.orbit.problem.word.walls[impact], 0.0
 
 
-def _remove_impact(here: Linearisation, details: Details) -> tuple[OrbitProblem, Array] | None:
+def remove_impact(here: Linearisation, details: Details) -> tuple[OrbitProblem, Array] | None:
     """As `remove_impacts`, with all others that vanish at this value; None where a contact that
     lasts begins or ends at rest, or an impact at rest is a jump."""
     shorter = None if "flight" in details else remove_impacts(here, details["impact"])
@@ -351,7 +351,7 @@ def _set_zero_velocity(here: Linearisation, impact: int) -> Linearisation:
 
 
 def _without_touch(here: CurvePoint) -> Linearisation:
-    shorter = _remove_impact(here.orbit, here.details)
+    shorter = remove_impact(here.orbit, here.details)
     if shorter is None:
         raise ArithmeticError("no impact is left")
     here.orbit.problem.kernel_evaluations += len(shorter[0].word)

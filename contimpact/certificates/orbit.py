@@ -20,13 +20,13 @@ from ..bifurcations.kind import Kind
 from ..bifurcations.sliding import (
     CROSSING,
     SWITCHING,
-    is_jump,
     letter_of_merger,
     other_end_of,
     replace_letters,
     sliding_kind_of_zero_duration,
     sliding_kind_of_zero_velocity,
 )
+from ..bifurcations.zero_velocity import remove_impact
 from ..models.guards import Guard, Word, same_surface
 from ..orbits.problem import OrbitProblem
 from ..orbits.quiet import problem_of
@@ -151,7 +151,7 @@ class Remains:
 
 def remains_of(problem: OrbitProblem, z: Balls, details: Mapping[str, Any]) -> Remains | None:
     """Return what is left at an event; None where nothing vanishes, as where a contact that lasts
-    begins or ends at rest, or an impact at rest is a jump."""
+    begins or ends at rest, or without an impact at rest there is no such orbit."""
     impact, flight = details.get("impact"), details.get("flight")
     if "touch_time" in details or (impact is None) == (flight is None):
         return None
@@ -160,7 +160,7 @@ def remains_of(problem: OrbitProblem, z: Balls, details: Mapping[str, Any]) -> R
         return _without_flight(problem, unknowns, details["flight"])
     if sliding_kind_of_zero_velocity(problem, unknowns, impact) == SWITCHING:
         return _merged_remains(problem, (impact - 1) % len(problem.word))
-    if is_jump(problem.evaluate(unknowns), impact):
+    if remove_impact(problem.evaluate(unknowns), details) is None:
         return None
     return _remains_without(problem, unknowns, impact)
 

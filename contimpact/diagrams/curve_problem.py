@@ -183,8 +183,8 @@ def equations_of(kind: Kind, problem: OrbitProblem, details: Details) -> Extende
 MUTUAL = ("G-PD", "G-FB")
 """Points on curves of grazing orbits that are seen from the curves of PD and FB as well."""
 
-SAMPLES, REFINED = 500, 4
-"""Instants of a flight at which its touch is looked for, and Newton's steps from the nearest."""
+SAMPLES = 500
+"""Instants of a flight at which its touch is looked for."""
 
 
 class SimultaneousEvents(ExtendedSystem):
@@ -472,13 +472,7 @@ def _time_of_touch(here: Linearisation, flight: int, wall: str) -> float:
     tracks = [motion(*row, dt, *values)[:2] for dt in inside.tolist()]
     gap, velocity = np.transpose(tracks) - [[away], [0.0]]
     nearest = np.argmin((gap / np.ptp(gap)) ** 2 + (velocity / np.ptp(velocity)) ** 2)
-    time = inside[nearest]
-    for _ in range(REFINED):
-        _, velocity, acceleration = motion(*row, time, *values)
-        if not abs(velocity) < abs(acceleration * inside[0]):  # it may touch with neither
-            break
-        time -= velocity / acceleration
-    return float(begin + time)
+    return float(begin + inside[nearest])
 
 
 def _curve_tests(kind: Kind, problem: OrbitProblem) -> list[CurveTest]:
