@@ -38,6 +38,7 @@ from .orbit_walks import Run, add_stop_test, first_step, run_born, symmetric_end
 from .starting_orbits import (
     NotFound,
     add_settled,
+    attracts,
     error_at_key,
     refusal,
     search_at,
@@ -311,8 +312,12 @@ class _Explorer:
             lacking = NotFound.of(self.scene, self.kernels, word)
             self.lacking[word] = replace(lacking, unphysical=self.left_out[word])
         found = [orbit for each in orbits.values() for orbit in each]
-        if len(found) > self.scene.max_branches:  # what attracts comes first
-            found.sort(key=lambda orbit: not (orbit.stable and orbit.physical))
+        if len(found) > self.scene.max_branches:  # words in turn, of each what attracts first
+            for each in orbits.values():
+                each.sort(key=lambda orbit: not attracts([orbit]))
+            turns = [(turn, orbit) for each in orbits.values() for turn, orbit in enumerate(each)]
+            turns.sort(key=lambda one: (one[0], not attracts([one[1]])))
+            found = [orbit for _, orbit in turns]
         return found
 
     def search(

@@ -646,14 +646,42 @@ def _power_of_two(x: float) -> float:
 
 def _add_quiet(found: list[Orbit], here: Linearisation | None, units: Array) -> None:
     """Add an orbit without impacts to the list unless it is there, perhaps from a later period of
-    the forcing on, or one of a shorter period."""
+    the forcing on, or one of a shorter period. Of those that are one orbit moved, as by whole
+    turns, the nearest is listed, and the nearest physical one."""
     if here is None or not _is_regular(here) or _repeats_quietly(here):
         return
     assert isinstance(here.problem, QuietProblem)
     size = float(np.max(np.abs(here.unknowns[: len(units)] / units)))
     same = SAME_ORBIT * max(1.0, size)
-    if all(_is_new(found, later, same, units) for later in here.problem.later(here.unknowns)):
-        _add(found, here, same, units)
+    places = [here.unknowns, *here.problem.later(here.unknowns)]
+    if not all(_is_new(found, place, same, units) for place in places):
+        return
+    orbit = Orbit(here.problem, here)
+    for number, other in enumerate(found):
+        alike = other.physical == orbit.physical
+        if alike and any(_is_shifted(other, place, units, same) for place in places):
+            if size < float(np.max(np.abs(other.unknowns[: len(units)] / units))):
+                found[number] = orbit
+            return
+    found.append(orbit)
+
+
+def _is_shifted(orbit: Orbit, unknowns: Array, units: Array, same: float) -> bool:
+    """Whether unknowns are those of an orbit without impacts moved by some positions, as by whole
+    turns, and any motion may be moved by as much."""
+    m, problem = len(units), orbit.problem
+    shift = unknowns[:m] - orbit.unknowns[:m]
+    if np.max(np.abs(shift[1::2]) / units[1::2]) >= same:
+        return False
+    shift[1::2] = 0.0
+    begun, moved = orbit.unknowns.copy(), unknowns.copy()
+    begun[:m] += units
+    moved[:m] = begun[:m] + shift
+    try:
+        there, here = (problem.evaluate(state).residual for state in (moved, begun))
+    except ArithmeticError:
+        return False
+    return bool(np.max(np.abs(there - here) / units) < math.sqrt(same))
 
 
 def _search_turning(problem: FreeQuietProblem, generator: np.random.Generator) -> list[Orbit]:
@@ -797,10 +825,10 @@ def _round_unknowns(problem: OrbitProblem, unknowns: Array) -> Array:
     return rounded
 
 
-def _add(found: list[Orbit], here: Linearisation, same: float, units: Array | None = None) -> None:
+def _add(found: list[Orbit], here: Linearisation, same: float) -> None:
     """Add an orbit to the list unless it is there."""
     problem = here.problem
-    units = problem.natural_units(here.unknowns)[: problem.n] if units is None else units
+    units = problem.natural_units(here.unknowns)[: problem.n]
     if _is_new(found, here.unknowns, same, units):
         found.append(Orbit(problem, _rotate_to_fastest(here)))
 

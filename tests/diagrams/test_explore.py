@@ -98,6 +98,12 @@ def test_orbits_that_max_branches_leaves_out_are_reported():
     assert "follow.max_branches = 1 was reached; orbits not followed: " in found._repr_html_()
 
 
+def test_words_share_in_turn_what_may_be_followed():
+    """Both 2:1 orbits are not followed before the first 1:1."""
+    found = follow(small(orbits=["2:1", "1:1"], switch=[], max_branches=2, range=[0.33, 0.35]))
+    assert [branch.word for branch in found.branches] == ["BBT", "BT"]
+
+
 @pytest.mark.full
 def test_without_unphysical_orbits_every_stable_range_is_found(tmp_path):
     """Branches end a step behind the events at which orbits turn unphysical, which are located."""

@@ -198,6 +198,18 @@ def test_no_forcing_at_all_costs_no_more_than_some(c, k, monkeypatch):
     assert max(counts) < 100
 
 
+def test_orbits_whole_turns_apart_are_listed_once():
+    """The nearest, here unphysical, and the nearest physical one; solve_ivp and fsolve from a grid
+    find two orbits within a turn, of which one is upright."""
+    pytest.importorskip("heyoka")
+    model = Pendulum(a=0.7, omega=0.75, c=0.15, sigma=0.3, r=0.6)
+    found = find_orbits(model, "0", parameter="omega", rounds=1)
+    swinging = [o for o in found if abs(o.unknowns[1] - 0.70291718) < 1e-6]
+    assert [orbit.physical for orbit in swinging] == [False, True]
+    places = [orbit.unknowns[0] for orbit in swinging]
+    assert np.allclose(places, [-2.42422937, -2.42422937 - 2.0 * math.pi])
+
+
 @pytest.mark.full
 def test_events_are_restored_from_their_states(tmp_path):
     """Also at the pitchfork of a pendulum, where no search finds the singular orbit, and orbits one
