@@ -197,7 +197,7 @@ class FreePeriodProblem(WithoutForcing):
 TURNING_SAMPLES = 1024
 """Instants at which it is seen when a coordinate turns."""
 
-AGAIN = 3.0
+SIMILAR = 3.0
 """Factor of the least distance between two turns up to which others are the same orbit's: those
 after more laps are about as small."""
 
@@ -545,7 +545,7 @@ class FreeQuietProblem(WithoutForcing, QuietProblem):
         if settled:
             positions, speeds = track.at(ends)
             apart = np.abs(positions[-2 : -2 - MOST_LAPS : -1] - positions[-1]).max(axis=1)
-            first = -2 - int(np.argmax(apart <= AGAIN * apart.min()))
+            first = -2 - int(np.argmax(apart <= SIMILAR * apart.min()))
             guess[: self.m] = np.array([positions[first], speeds[first]]).T.ravel()
             guess[1] = ends[-1] - ends[first]
         return guess
