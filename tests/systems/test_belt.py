@@ -201,6 +201,13 @@ def test_weakening_friction_against_integration():
 
 
 @pytest.mark.slow
+def test_laws_with_poles_are_checked_on_short_flights(caplog):
+    """Long ones run into the pole of weakening friction, at w = -1/delta ahead of the belt."""
+    model = Belt(a=0.2, omega=0.3, c=0.1, V=0.45, mu_0=0.4, delta=2.0)
+    assert "flight from A" in ci.check_model(model)
+    assert not caplog.records
+
+
 def test_sliding_grazings_of_both_kinds():
     """Sticking begins where slip ends, or, friction weakening fast, beside it, up to a fold."""
     pytest.importorskip("heyoka", reason="needs contimpact[ode]")
