@@ -19,7 +19,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from math import isclose
+from math import inf, isclose
 from typing import Any, Protocol
 
 import numpy as np
@@ -130,6 +130,8 @@ class GrazingScenario:
     notation: str
     """The orbit that grazes."""
     scenario: Scenario
+    followed: tuple[float, float] = (-inf, inf)
+    """Least and largest value of the parameter on all branches."""
 
     def __str__(self) -> str:
         place = f"beyond {self.entry}, {self.notation} at {self.parameter} = {self.value:.9g}"
@@ -141,12 +143,16 @@ class GrazingScenario:
             return f"{place}: {name}, perhaps to {ends}"
         ranges = [
             f"{w.notation} {w.low:.9g} to {w.high:.9g}"
+            + ("" if w.low < self.followed[1] and w.high > self.followed[0] else BEYOND)
             for w in windows
             if w.low is not None and w.high is not None
         ]
         listed = f"; windows, to leading order: {', '.join(ranges[:SHOWN])}" if ranges else ""
         return f"{place}: {name}{listed}"
 
+
+BEYOND = " (beyond all branches)"
+"""Remark on a window that no branch reaches, far from the grazing perhaps."""
 
 SHOWN = 3
 """Windows of period adding in a sentence; the catalogue has more."""
@@ -202,6 +208,8 @@ class Reading:
         for name in ("crises", "scenarios"):
             if not lists[name]:
                 del lists[name]
+        for scenario in lists.get("scenarios", ()):
+            del scenario["followed"]
         return lists
 
     def __str__(self) -> str:
@@ -278,7 +286,10 @@ def read(diagram: DiagramSurvey) -> Reading:
         if e.crisis is not None
     ]
     scenarios = [
-        GrazingScenario(e.id, e.parameter, e.value, e.notation, e.scenario)
+        GrazingScenario(
+            *(e.id, e.parameter, e.value, e.notation, e.scenario),
+            _reached(diagram.branches, e.parameter),
+        )
         for e in diagram.entries
         if e.scenario is not None
     ]
@@ -286,6 +297,12 @@ def read(diagram: DiagramSurvey) -> Reading:
         *(stable, _bistable(stable, member), transitions, diagram.survey, unknown, crises),
         *(scenarios, labels, places_of(diagram.branches)),
     )
+
+
+def _reached(branches: Sequence[Branch], parameter: str) -> tuple[float, float]:
+    """The least and the largest value of a parameter on all branches."""
+    values = np.concatenate([branch[parameter] for branch in branches])
+    return float(np.min(values)), float(np.max(values))
 
 
 @explain_arguments

@@ -315,6 +315,18 @@ def test_scenarios_are_kept_in_files(tmp_path):
         ci.load_entries(tmp_path)
 
 
+def test_windows_beyond_all_branches_are_said_to_be_there():
+    """Leading order says little of what is far from the grazing."""
+    pair = ci.ImpactPair(beta="pi/6", r=0.3, A=5.0, s=0.27)
+    orbit = next(o for o in ci.find_orbits(pair, "3:1", "s") if o.physical and o.stable)
+    for low, remark in ((0.24, ""), (0.25644, " (beyond all branches)")):
+        branch = ci.continue_orbit(orbit, "s", range=(low, 0.27), events=["G"])
+        (said,) = ci.Diagram("one", [branch]).reading.scenarios
+        first = next(w for w in said.scenario.windows if None not in (w.low, w.high))
+        assert first.high < 0.25644
+        assert f"{first.low:.9g} to {first.high:.9g}{remark}," in str(said)
+
+
 def test_windows_that_no_admitted_value_is_in_are_left_out():
     pair = ci.ImpactPair(beta=0.10269381282505924, r=0.55, A=3.0, s=0.17257)
     (orbit,) = (o for o in ci.find_orbits(pair, "1:1/2T", "s") if o.physical and o.stable)
