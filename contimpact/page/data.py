@@ -208,6 +208,8 @@ FEWEST, MOST = 4, 512
 """Steps of a flight."""
 BUDGET = 400_000
 """States that a page holds at most, about."""
+ROWS = 128
+"""Orbits whose states are computed together: matrices of many more leave the processor's cache."""
 GUESS = 10
 """States of a flight, for that."""
 SMALL, TINY = 1e-6, float(np.finfo(float).tiny)
@@ -309,9 +311,12 @@ class Tracks:
         place = walls[wall][rows][:, None, None] if self.alone else 0.0
 
         def moved(fractions: Array) -> tuple[Array, Array]:
-            found = motion(*head, length[:, None] * fractions, *values)[: 2 * self.size]
-            blank = np.zeros((len(length), len(fractions)))
-            states = np.stack([blank + part for part in found], axis=1)
+            states = np.empty((len(length), 2 * self.size, len(fractions)))
+            for k in range(0, len(length), ROWS):
+                some = slice(k, k + ROWS)
+                given = length[some, None] * fractions, *(v[some] for v in values)
+                for i, part in enumerate(motion(*head[:, some], *given)[: 2 * self.size]):
+                    states[some, i] = part
             return place + states[:, ::2], states[:, 1::2]
 
         fastest = np.abs(orbits.impacts[:, :, 1]).max(axis=1) if self.alone else 0.0
@@ -326,16 +331,19 @@ class Tracks:
 def _fine_enough(moved: Moved, length: Array, fastest: Array | float) -> Array:
     """States at as many equal steps as their cubics need."""
     steps = FEWEST
-    while True:
-        x, v = moved(np.linspace(0.0, 1.0, 2 * steps + 1))
-        if steps >= MOST or not _error(x, v, length / steps, fastest) > FLAT:
-            pairs = np.stack([x[..., ::2], v[..., ::2]], axis=2)
-            return pairs.reshape(len(x), -1, steps + 1).transpose(0, 2, 1)
+    states = np.stack(moved(np.linspace(0.0, 1.0, 2 * steps + 1)), axis=2)
+    while steps < MOST and _error(states, length / steps, fastest) > FLAT:
         steps *= 2
+        finer = np.empty((*states.shape[:-1], 2 * steps + 1))
+        finer[..., ::2] = states
+        finer[..., 1::2] = np.stack(moved(np.arange(0.5, steps) / steps), axis=2)
+        states = finer
+    return states[..., ::2].reshape(len(states), -1, steps + 1).transpose(0, 2, 1)
 
 
-def _error(x: Array, v: Array, step: Array, fastest: Array | float) -> float:
+def _error(states: Array, step: Array, fastest: Array | float) -> float:
     """How far cubics on every other state are from the others, by the size of a picture."""
+    x, v = np.moveaxis(states, 2, 0)
     h = np.where(step == 0.0, 1.0, step)[:, None, None]
     a, middle, b = x[..., :-1:2], x[..., 1::2], x[..., 2::2]
     p, speed, q = v[..., :-1:2], v[..., 1::2], v[..., 2::2]

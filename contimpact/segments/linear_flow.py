@@ -379,9 +379,12 @@ def flow_of_arrays(d: int, h: int, directions: int, dt: Any, *numbers: Any) -> A
     shape = Shape(d, h, directions)
     given = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in (dt, *numbers)))
     if any(np.ndim(x) for x in numbers):
-        rows = np.array([x.ravel() for x in given[1:]]).T.tolist()
-        many = [generators(shape, row) for row in rows]
-        matrices = [np.array(matrix) for matrix in zip(*many, strict=True)]
+        apart = np.broadcast_arrays(*numbers)  # durations may differ where these do not
+        rows = np.array([np.ravel(x) for x in apart], dtype=float).T.tolist()
+        many = [generators(shape, values) for values in rows]
+        row = np.arange(len(rows)).reshape(apart[0].shape)
+        each = np.broadcast_to(row, given[0].shape).ravel()
+        matrices = [np.array(matrix)[each] for matrix in zip(*many, strict=True)]
     else:
         matrices = generators(shape, numbers)
     times = given[0].reshape(-1, 1, 1)

@@ -23,6 +23,7 @@ from contimpact.simulation.files import sweep_text
 from contimpact.simulation.sweep import sweep
 from contimpact.systems.belt import Belt
 from contimpact.systems.soft_stop import SoftStop
+from contimpact.systems.two_masses import TwoMasses
 
 TYPES = {"f8": "<f8", "f4": "<f4", "u4": "<u4", "u1": "u1"}
 
@@ -361,3 +362,24 @@ def test_a_point_of_two_curves_has_one_name():
         kinds = [{"G-PD": "PD-G"}.get(point.kind, point.kind) for point in curve.points]
         assert [point["kind"] for point in shown["points"]] == kinds
     assert {point.kind for curve in diagram.curves for point in curve.points} >= {"PD-G", "G-PD"}
+
+
+def test_no_state_of_a_flight_is_computed_twice(monkeypatch):
+    """Of a flight of several coordinates: each half of a step once; and a matrix for each orbit,
+    not for each instant."""
+    from contimpact.segments import linear_flow
+
+    model = TwoMasses(**TwoMasses.EXAMPLE.values)
+    given = {name: np.full(3, value) for name, value in model.values.items()}
+    impacts = np.tile([0.3, 1.0, 0.5, -0.2], (3, 1, 1))
+    flown, made = [], []
+    flow, own = linear_flow.flow_of_arrays, linear_flow.generators
+    monkeypatch.setattr(linear_flow, "generators", lambda *g: made.append(0) or own(*g))
+    monkeypatch.setitem(
+        tracks.ARRAYS.names,
+        "flow",
+        lambda d, h, k, dt, *g: flown.append(dt) or flow(d, h, k, dt, *g),
+    )
+    record = tracks.Tracks(model).record(tracks.Orbits("A", 1, given, impacts), np.arange(3))
+    assert sum(dt.shape[1] for dt in flown) == 2 * record["nodes"][0] - 1
+    assert len(made) == 3 * len(flown)
