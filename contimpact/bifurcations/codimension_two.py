@@ -9,7 +9,7 @@ FB-G.. FB, BP, PD   smallest interior gap of each flight and wall: the orbit als
 G-PD   G, V         determinant of C(-1) of the orbit that grazes
 G-FB   G, V         determinant of C(1) of the orbit that grazes (the old branch folds), and
                     parameter rate of the branch with one impact more (its fold is born)
-DG     G, V         acceleration at the touch
+DG     G, V         acceleration at the touch; rate with which motion begins on a limit of its mode
 R1, R2 FB, PD       product of the critical multiplier and another minus one: two at 1, or at -1,
                     with one eigenvector
 FB-BP, FB, PD       the same with an eigenvector of its own for each
@@ -44,7 +44,7 @@ from ..orbits.quiet import problem_of
 from ..orbits.status import neimark_sacker, pair_on_circle, products_of
 from ..segments.flight import Touch
 from .at_rest import Curve, solve_at_rest
-from .extended_system import NO_TRACE, ExtendedSystem, trace_of
+from .extended_system import NO_TRACE, UNIT_CIRCLE, ExtendedSystem, trace_of
 from .kind import CurvePoint, Kind, kind_of
 
 Leaves: TypeAlias = Callable[[ExtendedSystem, Array], tuple[Array, Array]]
@@ -410,6 +410,12 @@ class TouchSingular(CurveTest):
     def of(self, here: CurvePoint) -> ArrayLike:
         return scaled_determinant(self.counted(here), self.mu)
 
+    def accept(self, event: Event[CurvePoint]) -> bool:
+        """Whether the orbit has the multiplier: where an impact leaves no trace, C(mu) is singular
+        for every mu."""
+        away = np.abs(self.counted(event.point.evaluation).multipliers - self.mu)
+        return bool(np.any(away < UNIT_CIRCLE))
+
     def other(self, here: CurvePoint, index: int) -> tuple[str, Details] | None:
         same = self.counted(here) is here.orbit
         return (self.event, {}) if same else None
@@ -461,7 +467,7 @@ class FoldBorn(TouchSingular):
 
     def accept(self, event: Event[CurvePoint]) -> bool:
         """Where the touch is a jump, no orbit has it as an impact."""
-        return super().accept(event) and _is_closed(self.counted(event.point.evaluation))
+        return _is_closed(self.counted(event.point.evaluation))
 
 
 TOGETHER = 1e-6

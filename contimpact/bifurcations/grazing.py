@@ -40,7 +40,7 @@ from ..orbits.quiet import problem_of
 from ..orbits.status import PASSES, Verdict, count_unstable
 from ..segments.flight import Touch
 from ..segments.segment import ELSEWHERE
-from .codimension_two import touch_points
+from .codimension_two import CurveTest, touch_points
 from .event_solver import LocatedPoint
 from .extended_system import (
     ExtendedSystem,
@@ -280,6 +280,17 @@ class TouchLimit(TestFunction[CurvePoint]):
         return np.array([touch - start, arrival - touch])
 
 
+class TangentBeginning(CurveTest):
+    """Along a curve of motion that begins on a limit of its mode, it is tangent to the limit."""
+
+    kind = "DG"
+    changes = "the motion begins on its limit with zero rate: beyond, it leaves to the other side"
+
+    def of(self, here: CurvePoint) -> float:
+        begun = onset_of(here.orbit.problem, here.details)
+        return math.nan if begun is None else begun.tangency(here.orbit.unknowns)
+
+
 @declared(place=5, born=True, curves=True)
 class G(Kind):
     """Grazing."""
@@ -386,7 +397,8 @@ class G(Kind):
         return {EndKind.TOUCH: TouchLimit()}
 
     def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
-        return touch_points(_since_impact, _orbit_with_touch, lambda here: here.orbit)
+        touches = touch_points(_since_impact, _orbit_with_touch, lambda here: here.orbit)
+        return [*touches, TangentBeginning()]
 
 
 def _is_slow(here: Linearisation, impact: int) -> bool:

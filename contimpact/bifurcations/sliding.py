@@ -367,6 +367,14 @@ class SlidingOnset:
         given = leave, values, kernels.setup(*values).walls
         return self.sign * margin(kernels, self.begun, self.limit, *given)
 
+    def tangency(self, unknowns: Array) -> float:
+        """Return the rate with which the motion begins on the limit, or on its surface the
+        acceleration."""
+        problem, order = self.problem, 2 if self.on_surface else 1
+        leave = problem.impacts(unknowns)[self.impact].tolist()
+        gap = problem.kernels.gap(self.begun, self.limit)
+        return float(gap(*leave, 0.0, *problem.values(unknowns))[order])
+
     @property
     def on_surface(self) -> bool:
         """Whether the flight begins on the surface of the limit, and its rate vanishes."""

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from zoo import ROCKING_BLOCK, ROOT, between_soft_stops
 
+from contimpact.bifurcations.codimension_two import TouchSingular
 from contimpact.continuation.branch import EndKind
 from contimpact.diagrams import curves
 from contimpact.diagrams.curves import LeavingEnd, follow_curve
@@ -26,6 +27,7 @@ from contimpact.results.catalogue import load_diagram, load_entries, write_diagr
 from contimpact.results.curve import CheckedOrbit, real_heights, regions
 from contimpact.results.scene import read_scene
 from contimpact.segments.kernels import Kernels
+from contimpact.systems.belt import Belt
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
 
@@ -794,6 +796,31 @@ def test_no_fold_is_born_where_a_touch_that_reverses_friction_has_no_acceleratio
     ((kind, a),) = ((point.kind, point.parameters["a"]) for point in curve.points)
     assert (kind, curve.missed) == ("DG", [])
     assert a == pytest.approx(0.98889683545, abs=1e-10)
+
+
+def test_slip_that_begins_on_its_limit_with_zero_rate_is_a_point():
+    """Beyond it the flight passes the belt's velocity at once: it was not located, and of the same
+    curve a grazing was said to come first. The place is that of closed forms solved with 30
+    digits."""
+    kernels = Kernels(model := Belt(a=0.533, omega=0.7, c=0.08, V=0.325, mu_0=0.5), "a")
+    near = [1.537, 0.654, 6.193, 1.0, 8.59, -0.113, 0.533]
+    orbit = orbit_at(problem_of(model, Word("PCB"), kernels), near)
+    events = continue_orbit(orbit, range=(0.532, 0.534), events=["G"]).events
+    (entry,) = (event for event in events if event.physical)
+    curve = follow_curve(entry, model, "V", (0.516, 0.534), (0.324, 0.342))
+    (point,), place = curve.points, curve.points[0].parameters
+    assert (point.kind, curve.missed) == ("DG", [])
+    assert place["a"] == pytest.approx(0.524175161704762, abs=1e-12)
+    assert place["V"] == pytest.approx(0.339923713267635, abs=1e-12)
+    assert np.max(curve["V"][curve["physical"] == 1]) == place["V"]
+
+
+@pytest.mark.parametrize(("multiplier", "there"), [(-1.0 + 1e-9, True), (-0.048, False)])
+def test_an_orbit_that_doubles_at_its_grazing_has_the_multiplier(multiplier, there):
+    """Where an impact comes to rest and leaves no trace, C(mu) is singular for every mu: a G-FB and
+    a G-PD were seen at one place."""
+    event = SimpleNamespace(point=Place(0.0, multipliers=(multiplier, 0.0)))
+    assert TouchSingular("G-PD", "", -1.0, lambda here: here.orbit).accept(event) is there
 
 
 def test_touches_of_an_orbit_are_the_same_within_rounding():
