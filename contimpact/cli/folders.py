@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import InputError, count_text, require_known, short_repr
 from ..models.model import Model
 from ..progress import Progress, telling
-from ..results.branch import model_at
+from ..results.branch import model_at, require_axis
 from ..results.catalogue import Results, open_results, read_fractions, simulation_remarks
 from ..results.diagram import Diagram
 from ..results.diagram_reading import sentence_of
@@ -213,8 +213,10 @@ def _plot_choices(
 ) -> dict[str, Any]:
     """Axis, limits and orbits to draw, as the command line has it or else the scene."""
     x = plot.x if options.x is None else options.x
-    numbers = ["arclength", *diagram.branches[0].parameters] if diagram.branches else [plot.x]
-    require_known(x, numbers, "-x", f"no column {x!r}")
+    if diagram.branches:
+        require_axis(diagram.branches, x, "-x", f"no column {x!r}")
+    else:
+        require_known(x, [plot.x], "-x", f"no column {x!r}")
     return {
         "x": x,
         "xlim": options.xlim or (plot.xlim if not options.x else None),

@@ -27,7 +27,7 @@ from matplotlib.transforms import ScaledTranslation
 from ..bifurcations.kind import kind_of
 from ..display import draw_result
 from ..errors import InputError, count_text, explain_arguments, require_known, short_repr
-from ..results.branch import Branch, Entry
+from ..results.branch import Branch, Entry, require_axis
 from ..results.diagram import Diagram, to_diagram
 from ..results.quantities import NO_IMPACT, NO_WALL, Quantity, numbers_of
 from ..results.quantities import WALLS as COLOURS
@@ -272,6 +272,8 @@ def _check_request(
     for branch in diagram.branches:
         found = f"branch {branch.id} has no numbers {short_repr(column)}"
         require_known(column, numbers_of(branch), "x", found)
+    if column in diagram.branches[0].parameters:
+        require_axis(diagram.branches, column, "x", "")
     return column
 
 

@@ -17,7 +17,7 @@ from ..bifurcations.kind import Scenario, kind_of
 from ..bifurcations.requested import PERIOD
 from ..continuation.branch import End, EndKind, same_place
 from ..display import NotebookResult, ParameterItems, Summary, frame, limit_lines
-from ..errors import InputError, count_text, did_you_mean, printable, short_repr
+from ..errors import InputError, count_text, did_you_mean, printable, require_known, short_repr
 from ..models.guards import Word, name_orbit
 from ..models.model import Model
 from ..orbits.orbit import Orbit
@@ -764,6 +764,16 @@ class Branch(Columns):
             said[2:] = [f"  ... and {len(said) - 2} more remarks"]
         start, end = f"  start: {self.ends[0].message}", f"  end:   {self.ends[1].message}"
         return limit_lines(self._head(), events, [end, *said], ahead=[start])
+
+
+def require_axis(branches: Sequence[Branch], x: str, where: str, found: str) -> None:
+    """Raise `InputError` for a parameter that varies along none of some branches, and, as found,
+    for what is none."""
+    names = branches[0].parameters
+    varying = [name for name in names if any(name not in branch.constant for branch in branches)]
+    if x in names:
+        found = f"{x} does not vary along the branches"
+    require_known(x, ["arclength", *varying], where, found)
 
 
 DETAILS = ("flight", "wall", "impact", "touch_time", "requested")

@@ -542,6 +542,17 @@ def test_plot_of_a_column_that_is_not_there(run, copied, tmp_path, column):
     assert not (tmp_path / "f.png").exists()
 
 
+@pytest.mark.parametrize("drawn", ["f.png", "f.html"])
+def test_plot_over_a_parameter_that_does_not_vary(run, copied, tmp_path, drawn):
+    """All points were on one vertical line."""
+    status, _, err = run("plot", copied, "-x", "A", "-o", tmp_path / drawn)
+    message = one_line(err)
+    assert status == 2
+    assert message.startswith("-x: A does not vary along the branches; accepted are arclength, s")
+    assert "A" not in message.split("accepted are ")[1].split(", ")
+    assert not (tmp_path / drawn).exists()
+
+
 @pytest.mark.parametrize("name", ["figure.jpg", "figure", "figure.", ".png", "figure.png.txt"])
 def test_plot_to_another_format(run, copied, tmp_path, name):
     status, out, err = run("plot", copied, "-o", tmp_path / name)

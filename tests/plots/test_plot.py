@@ -396,8 +396,15 @@ def test_velocities_in_sight_set_the_limits(fig7):
     ],
 )
 def test_x_label(fig7, options, label):
-    first = Diagram("first", fig7.branches[:1])
+    branch = fig7.branches[0]
+    varying = dict(branch.columns) | dict.fromkeys(("beta", "gbar"), branch["s"])
+    first = Diagram("first", [dataclasses.replace(branch, columns=varying)])
     assert plot_diagram(first, **options).get_xlabel() == label
+
+
+def test_a_parameter_that_does_not_vary_is_no_axis(fig7):
+    with pytest.raises(InputError, match="x: beta does not vary along the branches"):
+        plot_diagram(fig7, x="beta")
 
 
 # Extremes
