@@ -851,7 +851,7 @@ class Lines:
             self.met.append(known := LineSurvey(word))
         return known
 
-    def said(self, met: LineSurvey, fixed: dict[str, float], complete: bool) -> Coverage:
+    def said(self, met: LineSurvey, fixed: dict[str, float], quiet: bool) -> Coverage:
         """The statement on one word; entries that later curves pass are off none."""
         walls = self.scene.model.letters
         word, names = met.word, (self.scene.parameter, self.options.parameter)
@@ -866,10 +866,11 @@ class Lines:
         branches = sum(_same_word(word, other) for other in own)
         switched = not _same_word(word, self.word)
         lost = [f"{what} (not solved)" for other, what in self.lost if _same_word(word, other)]
-        complete = complete and not lost and (branches > 0 or not switched)
+        complete = quiet and not lost and (branches > 0 or not switched)
         counts = met.entries, met.started, off, complete
         left_out = lost if switched else [*self.left_out, *lost]
-        return Coverage(*about, *counts, met.born, switched, branches, left_out)
+        reason = None if complete else quiet
+        return Coverage(*about, *counts, met.born, switched, branches, left_out, reason)
 
 
 def _same_word(one: Word, other: Word) -> bool:

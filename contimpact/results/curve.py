@@ -294,6 +294,9 @@ class Coverage:
     """How many branches of these orbits the lines followed; absent in earlier files."""
     left_out: Sequence[str] = field(default_factory=list)
     """What lines left out, with the limit of the scene or the reason, and the line."""
+    quiet: bool | None = attribute(default=None, silent=True)
+    """Where it is not complete, whether the last lines met nothing that was not on a curve; absent
+    in earlier files."""
 
     @property
     def place(self) -> str:
@@ -314,7 +317,7 @@ class Coverage:
                 "; no line followed these orbits, so further curves of theirs may be missing: "
                 "name the word in follow.orbits, or raise follow.depth"
             )
-        elif not self.complete:
+        elif not (self.complete or self.quiet):
             told += "; the last lines still met new curves: give curves.cover a larger number"
         if self.uncovered:
             places = ", ".join(
@@ -326,6 +329,11 @@ class Coverage:
         if self.left_out:
             more = f" and {len(self.left_out) - SHOWN} more" if len(self.left_out) > SHOWN else ""
             told += f"; left out: {', '.join(self.left_out[:SHOWN])}{more}"
+            if self.quiet and not self.complete:
+                told += (
+                    "; where orbits were not solved, give a smaller curves.max_step, or slightly "
+                    "other ranges, which lay the lines elsewhere"
+                )
         return told
 
 

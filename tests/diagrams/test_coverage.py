@@ -25,6 +25,7 @@ from contimpact.orbits.search import find_orbits
 from contimpact.page.data import remarks_in
 from contimpact.progress import ignore_progress
 from contimpact.results.catalogue import load_diagram, write_diagram
+from contimpact.results.curve import Coverage
 from contimpact.segments.kernels import Kernels
 from contimpact.systems.impact_pair import ImpactPair
 
@@ -179,6 +180,16 @@ def test_branches_that_lines_leave_out_are_reported():
     told = follow(dataclasses.replace(given, max_branches=1)).coverage[0]
     assert told.left_out
     assert "follow.max_branches = 1" in str(told)
+
+
+@pytest.mark.parametrize("quiet", [True, False])
+def test_a_map_without_orbits_that_were_not_solved_names_the_remedy(quiet):
+    """More lines leave those out again that the same lines did not solve."""
+    lost = ["the branch through c1 at A = 5, s = 0.3 (not solved)"]
+    lines = {"s": [0.3], "A": [5.0]}
+    told = Coverage({}, "BT", 1, "1:1", lines, 1, 1, [], False, 0, False, 1, lost, quiet)
+    assert ("curves.cover" in str(told)) is not quiet
+    assert ("curves.max_step" in str(told)) is quiet
 
 
 def test_a_map_without_lines_says_what_it_did_not_look_for():
