@@ -452,7 +452,9 @@ def _place(problem: OrbitProblem, details: Details) -> int:
 def _event_place(here: Linearisation, details: Details) -> Details:
     """Where on the orbit the curve's event is, the time of its touch as it is here."""
     told = dict(details)
-    if "touch_time" in told:
+    if "touch_time" in told and "impact" in told:  # where motion begins on its limit
+        told["touch_time"] = float(here.problem.impacts(here.unknowns)[told["impact"], 0])
+    elif "touch_time" in told:
         told["touch_time"] = _time_of_touch(here, told["flight"], told["wall"])
     return told
 

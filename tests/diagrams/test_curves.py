@@ -14,6 +14,7 @@ from zoo import ROCKING_BLOCK, ROOT, between_soft_stops
 from contimpact.bifurcations.codimension_two import TouchSingular
 from contimpact.continuation.branch import EndKind
 from contimpact.diagrams import curves
+from contimpact.diagrams.curve_problem import _event_place
 from contimpact.diagrams.curves import LeavingEnd, follow_curve
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.map_lines import same_curve
@@ -23,6 +24,7 @@ from contimpact.errors import InputError
 from contimpact.models.guards import Word
 from contimpact.orbits.quiet import problem_of
 from contimpact.orbits.search import find_orbits, orbit_at
+from contimpact.results.branch import details_of
 from contimpact.results.catalogue import load_diagram, load_entries, write_diagram
 from contimpact.results.curve import CheckedOrbit, real_heights, regions
 from contimpact.results.scene import read_scene
@@ -807,6 +809,8 @@ def test_slip_that_begins_on_its_limit_with_zero_rate_is_a_point():
     orbit = orbit_at(problem_of(model, Word("PCB"), kernels), near)
     events = continue_orbit(orbit, range=(0.532, 0.534), events=["G"]).events
     (entry,) = (event for event in events if event.physical)
+    told = details_of(entry)
+    assert _event_place(entry.orbit(model).linearisation, told) == pytest.approx(told)
     curve = follow_curve(entry, model, "V", (0.516, 0.534), (0.324, 0.342))
     (point,), place = curve.points, curve.points[0].parameters
     assert (point.kind, curve.missed) == ("DG", [])
