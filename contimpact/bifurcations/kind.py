@@ -251,8 +251,6 @@ class Kind(ABC):
     """Why orbits beyond it are unphysical: a finding of `contimpact.orbits.status`."""
     multiplier: float | None = None
     """The value of a multiplier there."""
-    inverts: bool = False
-    """Whether a multiplier passes infinity there, and changes its sign."""
     crossing: bool = False
     """Whether branches cross there: the catalogue keeps the branch's direction."""
     needed: tuple[str, ...] = ()
@@ -635,18 +633,28 @@ def _unexplained(
     """Kinds that were asked for and are lacking: one for each multiplier that passes the unit
     circle between two points without an event."""
     ends = left.arclength, right.arclength
-    between = [event.kind for event in events if _lies_between(event, *ends, turn)]
+    inside = [event for event in events if _lies_between(event, *ends, turn)]
+    between = [event.kind for event in inside]
     if any(all(map(kind_of(kind).explains, Change)) for kind in between):
         return []
     lacking: list[str] = []
-    turned = sum(kind_of(kind).inverts for kind in between)
-    for kinds in _causes_by_multiplier(left, right, turned):
+    for kinds in _causes_by_multiplier(left, right, sum(map(_inverts, inside))):
         found = next((kind for kind in between if kind in kinds), None)
         if found is None:
             lacking += [kind for kind in kinds if kind in asked][:1]
         elif not kind_of(found).passed(None):
             between.remove(found)
     return list(dict.fromkeys(lacking))
+
+
+INFINITE = 1e9
+"""Size of a multiplier that passes infinity at an event, to rounding."""
+
+
+def _inverts(event: OrbitEvent) -> bool:
+    """Whether a multiplier passes infinity at an event, and changes its sign: where an impact is at
+    rest, unless the contact is soft."""
+    return bool(np.any(np.abs(event.point.evaluation.multipliers) > INFINITE))
 
 
 def _arc(problem: OrbitProblem, left: OrbitPoint, right: OrbitPoint, settings: Settings) -> Arc:

@@ -228,7 +228,6 @@ class V(Kind):
     name = ZeroVelocity.kind
     changes = Change.PHYSICALITY
     finding = WRONG_WAY
-    inverts = True
     needed = ("impact",)
     shorter_at = ("PD-V",)
     look = Look("v", "#B8860B")

@@ -193,7 +193,9 @@ def test_a_multiplier_that_passes_infinity_at_a_v_comes_back_at_the_other_side(
         )
         for place, values in ((0.0, left), (1.0, right))
     ]
-    events = [SimpleNamespace(kind="V", point=SimpleNamespace(arclength=0.5))] * times
+    between = SimpleNamespace(multipliers=np.array([math.inf, 0.5]))
+    point = SimpleNamespace(arclength=0.5, evaluation=between)
+    events = [SimpleNamespace(kind="V", point=point)] * times
     found = _unexplained(events, *points, ("FB", "PD", "V"), math.inf)
     assert found == [kinds[0] for kinds in causes]
 
