@@ -308,7 +308,7 @@ def test_a_folder_written_from_python_is_drawn(live, tmp_path, capsys):
     assert "dimensionless" in (tmp_path / "d.svg").read_text(encoding="utf-8")
     assert (tmp_path / "diagram.png").stat().st_size > 10_000
     assert main(["plot", str(tmp_path), "-x", "nothing"]) == 2
-    assert "accepted are arclength, beta" in capsys.readouterr().err
+    assert "accepted are arclength, s, d" in capsys.readouterr().err
 
 
 @pytest.mark.full
