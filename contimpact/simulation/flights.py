@@ -458,8 +458,8 @@ def _finer(nodes: int) -> tuple[Array, Array]:
 #
 # A flight is looked at in windows, one after the other. In each every gap coordinate is known as a
 # displacement, with the times between which its acceleration has one sign; `segments.flight` then
-# finds its first arrival with certainty. Linear flights are polynomials in pieces and start
-# anywhere; others are answered by the model's kernels and start at a guard.
+# finds its first arrival with certainty. Linear and integrated flights are polynomials in pieces
+# and start anywhere; others are answered by the model's kernels and start at a guard.
 
 Coordinate: TypeAlias = tuple[Motion, list[float], float]
 """A gap coordinate in a window: its displacement, velocity and acceleration, the times between
