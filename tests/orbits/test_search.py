@@ -13,7 +13,7 @@ from zoo import unknowns_of
 
 from contimpact.errors import InputError
 from contimpact.models.guards import Word, parse_word
-from contimpact.orbits import search
+from contimpact.orbits import search, starts
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits, orbit_at, solve_near
 from contimpact.results.scene import read_scene
@@ -387,11 +387,11 @@ def test_rounds_are_the_same_one_by_one_and_together(pair, orbits, monkeypatch, 
     def one_by_one(problem, generator, starts, count, fitted):
         return [solve(problem, generator, starts, 1, fitted)[0] for _ in range(count)]
 
-    for starts in (4, 64):
-        together = orbits(model, word, starts=starts, rounds=rounds)
+    for many in (4, 64):
+        together = orbits(model, word, starts=many, rounds=rounds)
         with monkeypatch.context() as patch:
             patch.setattr(search, "solve_rounds", one_by_one)
-            assert same(together, orbits(model, word, starts=starts, rounds=rounds))
+            assert same(together, orbits(model, word, starts=many, rounds=rounds))
 
 
 def test_every_solution_is_settled_once(pair, orbits, monkeypatch):
@@ -556,9 +556,9 @@ def test_starts_that_go_astray_are_given_up(monkeypatch):
         },
         "follow": {"parameter": "w", "range": [1.0, 1.6], "orbits": ["S"]},
     }
-    flights, evaluate = [], search._evaluate_all
+    flights, evaluate = [], starts._evaluate_all
     monkeypatch.setattr(
-        search, "_evaluate_all", lambda p, z: flights.append(z.shape[-1]) or evaluate(p, z)
+        starts, "_evaluate_all", lambda p, z: flights.append(z.shape[-1]) or evaluate(p, z)
     )
     assert find_orbits(read_scene(table).model, "S", starts=8, rounds=1) == []
     assert sum(flights) < 8 * 2 * 12  # of 8 * 2 * 25, from fitted starts and from drawn ones
@@ -567,18 +567,18 @@ def test_starts_that_go_astray_are_given_up(monkeypatch):
 def test_starts_that_tend_to_a_flight_of_no_duration_are_given_up(pair, kernels_of, monkeypatch):
     """Those that led to orbits are kept: solutions are the same as where none is given up."""
     problem = OrbitProblem(pair(d=0.12), parse_word("2:2", "BT"), kernels_of(pair(), "s"))
-    evaluate, made = search._evaluate_all, []
+    evaluate, made = starts._evaluate_all, []
 
     def counted(problem, z):
         made.append(z.shape[-1])
         return evaluate(problem, z)
 
-    monkeypatch.setattr(search, "_evaluate_all", counted)
+    monkeypatch.setattr(starts, "_evaluate_all", counted)
     found = []
-    for vanishing in (search.VANISHING, search.ITERATIONS):
+    for vanishing in (starts.VANISHING, starts.ITERATIONS):
         made.clear()
-        monkeypatch.setattr(search, "VANISHING", vanishing)
-        (solutions,) = search.solve_rounds(problem, np.random.default_rng(1), 256, 1)
+        monkeypatch.setattr(starts, "VANISHING", vanishing)
+        (solutions,) = starts.solve_rounds(problem, np.random.default_rng(1), 256, 1)
         found.append((solutions, sum(made)))
     (some, few), (all_of_them, many) = found
     assert len(some)

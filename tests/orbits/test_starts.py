@@ -10,7 +10,8 @@ from zoo import two_masses
 
 from contimpact.models.guards import parse_word
 from contimpact.orbits.quiet import problem_of
-from contimpact.orbits.search import compiled_starts, find_orbits, solve_rounds
+from contimpact.orbits.search import find_orbits
+from contimpact.orbits.starts import compiled_starts, solve_rounds
 from contimpact.segments.kernels import Kernels
 from contimpact.systems.oscillator import Oscillator
 
