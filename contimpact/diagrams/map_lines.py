@@ -42,7 +42,7 @@ from ..orbits.search import (
 from ..orbits.status import PHYSICAL
 from ..progress import Progress
 from ..results.branch import Branch, Entry, columns_of, details_of, orbit_of
-from ..results.curve import BIRTHS, Coverage, Curve
+from ..results.curve import BIRTHS, NOT_SOLVED, Coverage, Curve
 from ..results.scene import Scene
 from ..segments.kernels import Kernels
 from .curve_problem import equations_of
@@ -865,10 +865,10 @@ class Lines:
         own = (Word(*key) for key in self.followed.elements())
         branches = sum(_same_word(word, other) for other in own)
         switched = not _same_word(word, self.word)
-        lost = [f"{what} (not solved)" for other, what in self.lost if _same_word(word, other)]
-        complete = quiet and not lost and (branches > 0 or not switched)
-        counts = met.entries, met.started, off, complete
+        lost = [f"{what} ({NOT_SOLVED})" for other, what in self.lost if _same_word(word, other)]
         left_out = lost if switched else [*self.left_out, *lost]
+        complete = quiet and not left_out and (branches > 0 or not switched)
+        counts = met.entries, met.started, off, complete
         reason = None if complete else quiet
         return Coverage(*about, *counts, met.born, switched, branches, left_out, reason)
 

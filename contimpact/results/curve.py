@@ -284,8 +284,8 @@ class Coverage:
     uncovered: Sequence[Mapping[str, Any]]
     """Entries that lie on no curve: `kind`, the two parameters, and `reason`."""
     complete: bool
-    """Whether the last lines met nothing that was not on a curve, and every line followed the
-    physical orbits of this word that others, or curves, had shown to cross it."""
+    """Whether the last lines met nothing that was not on a curve, every line followed the physical
+    orbits of this word that others, or curves, had shown to cross it, and none left anything out."""
     born: int = 0
     """Curves that were started at points of codimension two on others."""
     switched: bool = False
@@ -329,7 +329,7 @@ class Coverage:
         if self.left_out:
             more = f" and {len(self.left_out) - SHOWN} more" if len(self.left_out) > SHOWN else ""
             told += f"; left out: {', '.join(self.left_out[:SHOWN])}{more}"
-            if self.quiet and not self.complete:
+            if self.quiet and any(NOT_SOLVED in what for what in self.left_out):
                 told += (
                     "; where orbits were not solved, give a smaller curves.max_step, or slightly "
                     "other ranges, which lay the lines elsewhere"
@@ -339,6 +339,9 @@ class Coverage:
 
 SHOWN = 4
 """Entries on no curve that are named."""
+
+NOT_SOLVED = "not solved"
+"""What is said of orbits that a line left out because no step led on to them."""
 
 
 # Which bifurcation comes first: the competition of curves in two parameters.

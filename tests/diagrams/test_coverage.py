@@ -179,6 +179,7 @@ def test_branches_that_lines_leave_out_are_reported():
     given = dataclasses.replace(map_of(math.pi / 3, cover=1), switch=("PD",), depth=1)
     told = follow(dataclasses.replace(given, max_branches=1)).coverage[0]
     assert told.left_out
+    assert not told.complete
     assert "follow.max_branches = 1" in str(told)
 
 
