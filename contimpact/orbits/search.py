@@ -24,7 +24,16 @@ from ..segments.segment import STATES, VALUES
 from .orbit import Orbit
 from .problem import Linearisation, OrbitProblem
 from .quiet import FreeQuietProblem, QuietProblem, largest_first, problem_of
-from .starts import ITERATIONS, SETTLED, SPANS, solve_all, solve_rounds
+from .starts import (
+    ITERATIONS,
+    SETTLED,
+    SIZES,
+    SPANS,
+    solve_all,
+    solve_rounds,
+    units_at_rest,
+    units_of_states,
+)
 
 # When two sets of impacts are the same orbit: rotations of the word, and the model's symmetry.
 
@@ -135,9 +144,6 @@ that is left."""
 AT_FIRST, QUIET_SIZES = (0.01, 0.1, 1.0), (0.3, 1.0, 3.0, 10.0)
 """Sizes of states from which these motions begin, by the positions of walls, and of others by what
 becomes of them."""
-
-COARSE = 16.0
-"""Units in which starts without a forcing are drawn are powers of this: they have three sizes."""
 
 TURNING_STARTS, TURNING_EVALUATIONS, TURNING_STEPS = 256, 60, 2048
 """Starts for orbits without impacts whose period is free, and of each the evaluations and the steps
@@ -271,12 +277,16 @@ def _without_impacts(
     """The orbits of the word `0`, the smallest first; of flights in closed form, which are linear,
     there is one, to which the first start leads."""
     free = [problem.model.values[name] for name in problem.kernels.parameters]
-    units = _units_at_rest(problem, free)
+    rest = np.append(np.zeros(problem.m), free)
+    units, integrated = units_at_rest(problem, rest), problem.kernels.integrated(SECTION)
+    if units is None or integrated:
+        drawn = units_of_states(problem, rest)
+        units = drawn[-1] if units is None or len(drawn) > 1 else units
     found: list[Orbit] = []
-    known = [here] if (here := solve_near(problem, np.append(0.0 * units, free))) else []
+    known = [here] if (here := solve_near(problem, rest)) else []
     if known:
         _add_quiet(found, known[0], units)
-    if not problem.kernels.integrated(SECTION):
+    if not integrated:
         return Search(found, 1)
     quiet = made = 0
     while quiet < ROUNDS_IN_VAIN and made < rounds:
@@ -374,26 +384,6 @@ def _is_near(here: Linearisation, other: Linearisation, units: Array) -> bool:
     return bool(apart < SAME_ORBIT * size)
 
 
-def _units_at_rest(problem: OrbitProblem, free: Sequence[float]) -> Array:
-    """Units in which motion without impacts is of ordinary size: powers of two, for positions near
-    where walls are, or to where the forcing leads from rest within a period."""
-    setup = problem.kernels.setup(*problem.model.values.values())
-    rate = 2.0 * math.pi / setup.period
-    try:
-        moved = np.abs(problem.evaluate(np.append(np.zeros(problem.m), free)).residual)
-    except ArithmeticError:
-        moved = np.zeros(problem.m)
-    moved[1::2] /= rate
-    length = max([*map(abs, setup.walls), *moved.tolist()])
-    units = np.full(problem.m, _power_of_two(length) if 0.0 < length < math.inf else 1.0)
-    units[1::2] *= _power_of_two(rate)
-    return units
-
-
-def _power_of_two(x: float) -> float:
-    return 2.0 ** round(math.log2(x))
-
-
 def _add_quiet(found: list[Orbit], here: Linearisation | None, units: Array) -> None:
     """Add an orbit without impacts to the list unless it is there, perhaps from a later period of
     the forcing on, or one of a shorter period. Of those that are one orbit moved, as by whole
@@ -441,9 +431,13 @@ def _search_turning(problem: FreeQuietProblem, generator: np.random.Generator) -
     if not problem.kernels.integrated(SECTION):
         return []
     free = [problem.model.values[name] for name in problem.kernels.parameters]
-    units = COARSE ** np.round(np.log2(_units_at_rest(problem, free)) / math.log2(COARSE))
+    rest = np.append(np.zeros(problem.m), free)
+    rest[1] = problem.kernels.setup(*problem.model.values.values()).period
+    with limited_steps(TURNING_STEPS):
+        drawn = units_of_states(problem, rest)
     found: list[Orbit] = []
     for trial in range(TURNING_STARTS):
+        units = drawn[trial // len(SIZES) % len(drawn)]
         state = units * generator.normal(scale=10.0 ** (trial % 3 - 1), size=problem.m)
         here = _solve_after(problem, np.append(state, free), units, trial % SETTLING == 0)
         if here is not None and problem.moves(here.unknowns, units) and _is_regular(here):

@@ -9,7 +9,7 @@ place.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +18,9 @@ from ..arrays import Array, Table, Vector
 from ..models.guards import orders_of, pivot
 from ..segments.compiling import CompiledProgram, load, mode, timed_plainly
 from ..segments.flight import variant_of
-from ..segments.kernel import Blocks, Setup
+from ..segments.integrated_flight import flown
+from ..segments.integration import statement
+from ..segments.kernel import SECTION, Blocks, Setup
 from ..segments.segment import ELSEWHERE, STATES
 from .block_cyclic import BLOCK, KEPT, POSITIONS, assemble, eliminate, solve, store, store_compiled
 
@@ -46,7 +48,15 @@ NEARLY = 1e-6
 after all iterations but for what steps leave that halve them."""
 
 SIZES = 0.1, 1.0, 10.0
-"""Sizes of section coordinates that are drawn at random."""
+"""Sizes of section coordinates that are drawn at random, in each unit."""
+
+COARSE = 16.0
+"""Units in which states are drawn are powers of this, beside which they have three sizes."""
+
+FINEST, BRIEF, BENT, UNLIKE = 10, 2.0**-8, 0.5, -0.6
+"""The least such power at which laws are looked at, for how many radians of the natural rate, by
+which part of it a derivative has changed where they are not linear any more, and the next
+coordinate as a part of each."""
 
 
 def solve_rounds(
@@ -112,9 +122,88 @@ def _fit_sections(problem: OrbitProblem, times: Array) -> Array:
 def _draw_sections(problem: OrbitProblem, times: Array, generator: np.random.Generator) -> Array:
     """The starts with these impact times: section coordinates at random."""
     z = generator.normal(size=(*times.T.shape, problem.m))
-    z *= generator.choice(SIZES, (times.shape[1], 1, 1))
+    rest = np.zeros(problem.n + 1)
+    rest[: problem.n : problem.m] = times[:, 0]
+    rest[-1] = problem.model.values[problem.parameter]
+    units = units_of_states(problem, rest)
+    sizes = np.multiply.outer(SIZES, units).reshape(-1, 1, problem.m)
+    z *= generator.choice(sizes, times.shape[1])
     z[:, :, 0] = times.T
     return np.ascontiguousarray(np.moveaxis(z, 0, -1))
+
+
+def units_of_states(problem: OrbitProblem, rest: Array) -> list[Array]:
+    """Return units of states, powers of `COARSE`, each of shape (m,): those of `units_at_rest`, and
+    the least in which laws are not linear, if far from these. `rest` has a state of zeros."""
+    found, laws = units_at_rest(problem, rest), units_of_laws(problem)
+    if found is None:
+        return [_coarse_units(_units(problem, 1.0) if laws is None else laws)]
+    known = _coarse_units(found)
+    if laws is None or known[0] / COARSE <= laws[0] <= known[0] * COARSE:
+        return [known]
+    return [known, laws]
+
+
+def units_at_rest(problem: OrbitProblem, rest: Array) -> Array | None:
+    """Return units in which motion is of ordinary size, powers of two: for positions near where
+    walls are, or to where forces lead from rest; None where both are at zero."""
+    setup, moved = problem.kernels.setup(*problem.model.values.values()), np.zeros(0)
+    try:
+        moved = np.abs(problem.evaluate(rest).residual[: problem.n])
+        moved[1::2] *= setup.period / (2.0 * math.pi)
+    except ArithmeticError:
+        pass
+    length = max([*map(abs, setup.walls), *moved[np.isfinite(moved)].tolist()])
+    return _units(problem, length) if length > 0.0 else None
+
+
+def units_of_laws(problem: OrbitProblem) -> Array | None:
+    """Return the least units, powers of `COARSE`, in which laws that are integrated are not linear;
+    None where they are, or have no value at rest."""
+    kernels, values = problem.kernels, list(problem.model.values.values())
+    fields = [
+        kernels.field(a)(*[0.0] * problem.m, *values)
+        for a in dict.fromkeys(problem.word.walls or [SECTION])
+        if kernels.integrated(a)
+    ]
+    sizes = [size for field, numbers in fields if (size := _size_of_law(problem, field, numbers))]
+    return _coarse_units(_units(problem, min(sizes))) if sizes else None
+
+
+def _size_of_law(problem: OrbitProblem, field: str, numbers: Sequence[float]) -> float | None:
+    """The least size of positions at which a law's derivatives have changed: accelerations', by the
+    square of the natural rate at least, and rates' of coordinates of first order."""
+    d, natural = statement(field).freedom, problem.kernels.setup(*problem.model.values.values())
+    rate, first = 2.0 * math.pi / natural.period, None
+    brief = BRIEF / rate
+    weights, units = UNLIKE ** np.arange(d), np.repeat([1.0, rate], d)
+    directions = " ".join(f"{x}{k}" for x in "xv" for k in range(d))
+    for power in range(-FINEST, FINEST + 1):
+        size = COARSE**power
+        state = (size * units * np.tile(weights, 2)).tolist()
+        try:
+            found = flown(field, directions, brief, numbers[0], *state, *numbers[1 + 2 * d :])
+        except ArithmeticError:
+            return None if first is None else size
+        ends = np.reshape(found[2 * d :], (2 * d, 2, d))[:, 1] * units[:, None] / rate
+        first = ends if first is None else first
+        if not np.max(np.abs(ends - first)) <= BENT * BRIEF:
+            return size
+    return None
+
+
+def _coarse_units(units: Array) -> Array:
+    found: Array = COARSE ** np.round(np.log2(units) / math.log2(COARSE))
+    return found
+
+
+def _units(problem: OrbitProblem, length: float) -> Array:
+    """Units of a length for positions, and for velocities with the forcing's rate, as powers of
+    two."""
+    units = np.full(problem.m, 2.0 ** round(math.log2(length)))
+    period = problem.kernels.setup(*problem.model.values.values()).period
+    units[1::2] *= 2.0 ** round(math.log2(2.0 * math.pi / period))
+    return units
 
 
 def solve_on_arrays(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:

@@ -284,8 +284,8 @@ class Coverage:
     uncovered: Sequence[Mapping[str, Any]]
     """Entries that lie on no curve: `kind`, the two parameters, and `reason`."""
     complete: bool
-    """Whether the last lines met nothing that was not on a curve, every line followed the physical
-    orbits of this word that others, or curves, had shown to cross it, and none left anything out."""
+    """Whether the last lines met nothing that was not on a curve, none left anything out, and each
+    followed the physical orbits of this word that others, or curves, had shown to cross it."""
     born: int = 0
     """Curves that were started at points of codimension two on others."""
     switched: bool = False

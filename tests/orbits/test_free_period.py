@@ -564,13 +564,15 @@ def test_the_end_of_a_branch_that_becomes_a_shorter_one_counts_the_laps():
 
 @integrated
 @pytest.mark.full
-def test_a_cycle_is_found_in_other_units():
-    """Van der Pol's, with lengths of 1e-3 and times of 1e-2: starts of size one led nowhere."""
+@pytest.mark.parametrize("wall", [2.2e-3, 1e2, 0.0])
+def test_a_cycle_is_found_in_other_units(wall):
+    """Van der Pol's, with lengths of 1e-3 and times of 1e-2, also where a wall says nothing of
+    them: starts of size one, or of the wall's distance, led nowhere."""
     length, time = 1e-3, 1e-2
     table = {
         "system": "hybrid",
         "period": 6.0 * time,
-        "parameters": {"m": 1.0, "d": 2.2 * length, "r": 0.8, "L": length, "T": time},
+        "parameters": {"m": 1.0, "d": wall, "r": 0.8, "L": length, "T": time},
         "modes": {"free": {"x": "v", "v": "L/T**2*(m*(1 - (x/L)**2)*v*T/L - x/L)"}},
         "guards": {"S": {"within": "x <= d", "set": {"v": "-r*v"}}},
     }

@@ -316,6 +316,23 @@ def test_piecewise_has_the_orbit_of_its_closed_form(be):
     assert list(orbit.multipliers[1:]) == [0.0, 0.0]
 
 
+@pytest.mark.full
+def test_piecewise_has_its_orbits_in_other_units():
+    """A border at zero says nothing of their size, which laws do: states as large as numbers are
+    drawn led to none where lengths are 1e3 and times 1e-4."""
+    pytest.importorskip("heyoka")
+    given = tomllib.loads((BRANCHES / "coco_piecewise" / "scene.toml").read_text(encoding="utf-8"))
+    model = given["model"]
+    model["period"] = 1e-4
+    model["define"]["r"] = "sqrt(x**2 + y**2)/1000"
+    for laws in model["modes"].values():
+        laws.update({name: f"10000*({law})" for name, law in laws.items()})
+    radius = brentq(lambda r: _round(r, 1.0, 2.0, 1.5)[0] - r, 0.05, 8.0, xtol=1e-15)
+    found = ci.find_orbits(ci.read_scene(given).model, "LR", parameter="be", starts=64)
+    (orbit,) = (one for one in found if one.physical)
+    assert orbit.period == pytest.approx(1e-4 * _round(radius, 1.0, 2.0, 1.5)[1], rel=1e-11)
+
+
 # COCO's bangbang.
 
 
