@@ -414,7 +414,8 @@ def run_flights(
 ) -> Array | None:
     """Return the results of flights, a row each, by a compiled program, if that is there or pays.
 
-    They are NaN where a flight does not stay finite or takes more than `SOME_STEPS`. `limits` are
+    They are NaN where a flight does not stay finite or takes more than `SOME_STEPS`, unless those
+    that failed have left so many of `MOST_STEPS`, as in `BatchIntegrator.each`. `limits` are
     the largest part of a flight that a step takes, and the numbers of steps of the last flight and
     of all, which are filled in.
     """
@@ -463,17 +464,21 @@ def _program(text: str, count: int, called: BySeries) -> Program:
 
     program = Program({})
     numbers = ", ".join(f"x[{i}]" for i in range(count))
-    program.glue(text.format(numbers=numbers, most=SOME_STEPS), flight=called.function)
+    steps = {"most": MOST_STEPS, "some": SOME_STEPS}
+    program.glue(text.format(numbers=numbers, **steps), flight=called.function)
     return program
 
 
 _FLIGHTS = """
 def entry(rows, limits, space, found):
+    left = {most}
     for k in range(len(rows)):
         x, out = rows[k], found[k]
-        results = flight({numbers}, space, {most}, limits[0])
+        results = flight({numbers}, space, max({some}, left), limits[0])
         limits[1] = space[0]
         limits[2] += space[0]
+        if results[0] - results[0] != 0.0:
+            left -= int(space[0])
         for i in range(len(out)):
             out[i] = results[i]
     return 0
