@@ -15,7 +15,7 @@ from ..progress import Progress
 from ..results.diagram import Diagram
 from ..results.result_folder import Files, manifest_text, sealed_names
 from ..results.scene import Scene
-from ..storage import digests, is_there
+from ..storage import digests, is_there, write_all
 from . import ENDING
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ def motions_in(folder: Path, diagram: Diagram, model: Model, tell: Progress) -> 
 def add_page(scene: Scene, diagram: Diagram, files: Files, tell: Progress) -> None:
     """Write the page of a run; the attractors of a simulation in the folder are a layer of it."""
     from ..page.data import PageView, remarks_in
-    from ..page.document import save_page
+    from ..page.document import NAME, page_of_folder
     from ..results.catalogue import simulation_remarks
 
     plot = scene.plot
@@ -143,4 +143,5 @@ def add_page(scene: Scene, diagram: Diagram, files: Files, tell: Progress) -> No
     begins = plot.x, plot.xlim, plot.ylim, plot.unphysical
     shown = PageView(*begins, scene.source, remarks, plot.margin)
     motions = motions_in(files.folder, diagram, scene.model, tell)
-    files.add(lambda: save_page(diagram, scene.model, files.folder, shown, tell, motions))
+    given = files.folder, diagram, scene.model, shown, tell, motions
+    files.add(lambda: write_all(files.folder, {NAME: lambda: page_of_folder(*given)}))

@@ -28,7 +28,7 @@ from ..results.result_folder import (
 )
 from ..results.scene import Scene, load_scene, read_scene, systems_of
 from ..segments.kernels import Kernels
-from ..storage import is_there, read_json, write_text
+from ..storage import is_there, read_json, write, write_text
 from . import complain, say
 from .console import motions_in
 
@@ -162,7 +162,7 @@ def draw_page(
     Raises InputError if the folder holds no results, or the file cannot be written.
     """
     from ..page.data import PageView, remarks_in
-    from ..page.document import write_page
+    from ..page.document import page_of_folder
 
     diagram, scene, manifest = _open(folder, systems_of(options.system) if options else {})
     plot, model, _ = _drawing_options(diagram, scene)
@@ -174,7 +174,9 @@ def draw_page(
         shown = dataclasses.replace(shown, source=scene.source, remarks=remarks)
     shown = dataclasses.replace(shown, **chosen)
     motions = motions_in(folder, diagram, model, tell) if model is not None else []
-    write_page(diagram, model, folder, shown, target, tell, motions)
+    with reading(folder):
+        text = page_of_folder(folder, diagram, model, shown, tell, motions)
+    write(target, text)
 
 
 def _open(

@@ -15,16 +15,16 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from ..errors import InputError, explain_arguments, printable, short_repr
 from ..models.model import Model
-from ..progress import Progress, ignore_progress
+from ..progress import Progress
 from ..results.branch import Branch, model_at
 from ..results.catalogue import Motion, Share, read_fractions
 from ..results.diagram import Diagram
 from ..results.quantities import NO_WALL, WALLS, WALLS_ON_DARK
-from ..results.result_folder import reading
-from ..storage import is_there, write, write_all
+from ..storage import is_there, write
 from .data import PageView, SweepSeries, page_data, read_sweep, script_json
 
 NAME = "diagram.html"
@@ -45,17 +45,8 @@ PALETTE = {
 """The colours of walls as the style sheet declares them, those of pictures."""
 
 
-def page_text(
-    diagram: Diagram,
-    model: Model | None,
-    shown: PageView,
-    swept: Sequence[SweepSeries] = (),
-    progress: Progress = ignore_progress,
-    fractions: tuple[str, Sequence[Share]] | None = None,
-    motions: Sequence[Motion] = (),
-) -> str:
-    """Return the page; takes the arguments of `data.page_data`."""
-    shown_in_page = diagram, model, shown, swept, progress, fractions, motions
+def page_text(data: Mapping[str, Any]) -> str:
+    """Return the page of what `data.page_data` returns."""
     style = _fill_template(_asset("page.css"), PALETTE)
     library = _asset(LIBRARY)
     script = "\n".join(
@@ -63,10 +54,10 @@ def page_text(
     )
     parts = {
         "policy": _policy([library, script], [style]),
-        "title": html.escape(f"{printable(diagram.name)} - contimpact"),
+        "title": html.escape(f"{printable(data['name'])} - contimpact"),
         "style": style,
         "library": library,
-        "data": script_json(page_data(*shown_in_page)),
+        "data": script_json(data),
         "script": script,
     }
     return _fill_template(_asset("page.html"), parts)
@@ -76,36 +67,17 @@ def _fill_template(template: str, parts: Mapping[str, str]) -> str:
     return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], template)
 
 
-def save_page(
+def page_of_folder(
+    folder: Path,
     diagram: Diagram,
     model: Model | None,
-    folder: Path,
     shown: PageView,
-    progress: Progress = ignore_progress,
-    motions: Sequence[Motion] = (),
-) -> list[str]:
-    """Write the page of a folder, with its attractors if there are any; returns its name."""
-    found = attractors_in(folder, model), progress, fractions_in(folder), motions
-    return write_all(folder, {NAME: lambda: page_text(diagram, model, shown, *found)})
-
-
-def write_page(
-    diagram: Diagram,
-    model: Model | None,
-    folder: Path,
-    shown: PageView,
-    target: Path,
-    progress: Progress = ignore_progress,
-    motions: Sequence[Motion] = (),
-) -> None:
-    """Write the page of a folder to a file.
-
-    Raises InputError if the file cannot be written, or attractors in the folder are not those of
-    its manifest.
-    """
-    with reading(folder):
-        found = attractors_in(folder, model), progress, fractions_in(folder), motions
-    write(target, page_text(diagram, model, shown, *found))
+    progress: Progress,
+    motions: Sequence[Motion],
+) -> str:
+    """Return the page of a folder of results, with what a simulation has left in it."""
+    swept, fractions = attractors_in(folder, model), fractions_in(folder)
+    return page_text(page_data(diagram, model, shown, swept, progress, fractions, motions))
 
 
 def attractors_in(folder: Path, model: Model | None) -> list[SweepSeries]:
@@ -229,7 +201,7 @@ def view(
     if first and chosen not in known:
         raise InputError("x", f"no branch has {short_repr(chosen)}", f"give {', '.join(known)}")
     shown = PageView(chosen, xlim, ylim, unphysical)
-    text = page_text(diagram, _model_of(first, model), shown)
+    text = page_text(page_data(diagram, _model_of(first, model), shown))
     return NotebookPage(printable(diagram.name), text, height)
 
 

@@ -23,7 +23,7 @@ from PIL import Image
 from zoo import ROOT
 
 from contimpact.diagrams.explore import follow
-from contimpact.page.data import PageView, read_sweep
+from contimpact.page.data import PageView, page_data, read_sweep
 from contimpact.page.document import FOLDER, LIBRARY, page_text, view
 from contimpact.results.catalogue import Bound, Motion, Share
 from contimpact.results.scene import read_scene
@@ -200,7 +200,7 @@ def reader(driver, tmp_path):
         plot, path = scene.plot, tmp_path / "diagram.html"
         begins = plot.x, plot.xlim, plot.ylim, plot.unphysical
         shown = PageView(*begins, scene.source, margin=plot.margin)
-        text = page_text(diagram, scene.model, shown, swept, **more)
+        text = page_text(page_data(diagram, scene.model, shown, swept, **more))
         path.write_text(text, encoding="utf-8")
         (tmp_path / "downloads").mkdir(exist_ok=True)
         readers.append(Reader(driver, path, tmp_path / "downloads"))

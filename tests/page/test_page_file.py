@@ -18,7 +18,7 @@ import pytest
 from contimpact import write_diagram
 from contimpact.cli import main
 from contimpact.errors import InputError
-from contimpact.page.data import PageView
+from contimpact.page.data import PageView, page_data
 from contimpact.page.document import FOLDER, LIBRARY, page_text, view
 
 TOML = """
@@ -42,7 +42,7 @@ def scene(tmp_path):
 
 @pytest.fixture(scope="module")
 def text(small, small_scene):
-    return page_text(small, small_scene.model, PageView("d"))
+    return page_text(page_data(small, small_scene.model, PageView("d")))
 
 
 def digest(content):
@@ -83,7 +83,7 @@ def test_names_are_data(small, small_scene, name):
     entry = dataclasses.replace(small.branches[0].events[0], label=name, why=name)
     branch = dataclasses.replace(small.branches[0], events=[entry], missed=[name], notation=name)
     hostile = dataclasses.replace(small, name=name, branches=[branch])
-    text = page_text(hostile, small_scene.model, PageView("d", source=name))
+    text = page_text(page_data(hostile, small_scene.model, PageView("d", source=name)))
     assert name not in text
     head, _, rest = text.partition('<script type="application/json" id="data">')
     data = json.loads(rest.partition("</script>")[0])
