@@ -21,7 +21,7 @@ from ..errors import printable
 from ..models.guards import Guard, orders_of
 from ..models.model import Model
 from ..progress import Progress, ignore_progress, tell_each
-from ..results.branch import Branch, Entry, coordinates
+from ..results.branch import Branch, Entry, constant_parameters, coordinates, shared_parameters
 from ..results.catalogue import SWEEP, Motion, Share, shorten_names, sweep_cells
 from ..results.curve import (
     Area,
@@ -358,34 +358,13 @@ def _error(states: Array, step: Array, fastest: Array | float) -> float:
 # The branches of a diagram by the values of the parameters that no branch varies.
 
 
-def constants(branches: Sequence[Branch], derived: Sequence[str]) -> list[str]:
-    """Return the parameters that are constant along every branch, derived ones left out."""
-    if not branches:
-        return []
-    return [
-        name
-        for name in branches[0].constant
-        if name not in derived and all(name in branch.constant for branch in branches)
-    ]
-
-
-def shared_parameters(branches: Sequence[Branch], derived: Sequence[str]) -> dict[str, float]:
-    """Return the constant parameters that all branches share."""
-    shared = {}
-    for name in constants(branches, derived):
-        values = {float(branch[name][0]) for branch in branches}
-        if len(values) == 1:
-            shared[name] = values.pop()
-    return shared
-
-
 def members(branches: Sequence[Branch], derived: Sequence[str]) -> list[dict[str, Any]]:
     """Return the groups of branches that one diagram shows.
 
     Each has as ``fixed`` the values that set it apart, and as ``branches`` their places.
     """
     shared = shared_parameters(branches, derived)
-    apart = [name for name in constants(branches, derived) if name not in shared]
+    apart = [name for name in constant_parameters(branches, derived) if name not in shared]
     groups: dict[tuple[float, ...], list[int]] = {}
     for place, branch in enumerate(branches):
         groups.setdefault(tuple(float(branch[name][0]) for name in apart), []).append(place)
@@ -713,7 +692,7 @@ def _curve(curve: Curve) -> dict[str, Any]:
         "from": curve.origin,
         "rows": len(curve),
         "columns": {name: pack_column(curve[name]) for name in (*names, "arclength")},
-        "ghost": pack_column(_status(curve), "u1"),
+        "ghost": pack_column(curve.ghost_pieces, "u1"),
         "ends": [end.message for end in curve.ends],
         "missed": list(curve.missed),
         "points": [
@@ -725,15 +704,6 @@ def _curve(curve: Curve) -> dict[str, Any]:
             for p in curve.points
         ],
     }
-
-
-def _status(curve: Curve) -> Array:
-    """Whether each piece from one row to the next is a ghost's; see `lines.runs` of pictures."""
-    ghost = curve.ghost.copy()
-    if "event" in curve.columns:
-        marked = np.nonzero(curve["event"][:-1] != "")[0]
-        ghost[marked] = ghost[marked + 1]
-    return ghost
 
 
 def _panels(diagram: Diagram) -> list[dict[str, Any]]:

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.colors import to_rgb
 from matplotlib.patches import Patch
 
 from ..arrays import Array
@@ -360,7 +361,7 @@ def plot_sweep(
             places, values = _points(rows, x, wall)
             ax.plot(places, values, color=colour, **mark, **HOLLOW)
             speeds += [v for at, v in zip(places, values, strict=True) if low <= at <= high]
-        places = [r.attractor.parameters[x] for r in rows if r.attractor.kind is Kind.NO_IMPACT]
+        places = [r[x] for r in rows if r.attractor.kind is Kind.NO_IMPACT]
         ax.plot(places, [0.0] * len(places), color=style.NO_WALL, **mark, **HOLLOW)
         if number and not rows:
             continue
@@ -402,10 +403,8 @@ def _directions(sweep: Sweep, x: str) -> list[str]:
 
 def _axis_rises(sweep: Sweep, direction: str, x: str) -> bool:
     """Whether the drawn axis rises along a sweep."""
-    ends = [row.attractor.parameters[x] for row in sweep.of(direction)][
-        :: max(1, len(sweep.of(direction)) - 1)
-    ]
-    return ends[-1] > ends[0]
+    rows = sweep.of(direction)
+    return rows[-1][x] > rows[0][x]
 
 
 def _direction_text(sweep: Sweep, direction: str, x: str) -> str:
@@ -424,12 +423,12 @@ def _name_attractors(ax: Any, sweep: Sweep, direction: str, x: str, widen: bool)
         ax.set_ylim(bottom - ROOM * (top - bottom), top)
     transform = ax.get_xaxis_transform()
     scale = ax.get_window_extent().width / ax.figure.dpi * 72.0 / (high - low)
-    rows = [r for r in sweep.of(direction) if low <= r.attractor.parameters[x] <= high]
+    rows = [r for r in sweep.of(direction) if low <= r[x] <= high]
     edges = [k for k in range(1, len(rows)) if _name(rows[k]) != _name(rows[k - 1])]
     for first, beyond in itertools.pairwise([0, *edges, len(rows)]):
         if first == beyond:
             continue
-        here = [row.attractor.parameters[x] for row in rows[max(first - 1, 0) : beyond + 1]]
+        here = [row[x] for row in rows[max(first - 1, 0) : beyond + 1]]
         ends = [0.5 * sum(here[:2]) if first else here[0], here[-1]]
         ends[1] = 0.5 * sum(here[-2:]) if beyond < len(rows) else here[-1]
         text = plain_text(_name(rows[first]))
@@ -472,7 +471,7 @@ def _marks(ways: Sequence[str]) -> dict[str, dict[str, Any]]:
 
 
 def _limits(sweep: Sweep, x: str) -> tuple[float, float]:
-    values = [row.attractor.parameters[x] for row in sweep.rows]
+    values = [row[x] for row in sweep.rows]
     if not values:
         raise InputError("sweep", "no attractors", "sweep at least one value")
     margin = 0.015 * (max(values) - min(values) or 1.0)
@@ -488,7 +487,7 @@ def _points(rows: Sequence[Row], x: str, wall: int) -> tuple[list[float], list[f
         hit = np.nonzero(~a.released)[0]
         hit = hit if a.period is not None else hit[-SHOWN:]
         speeds = a.velocities[hit[a.walls[hit] == wall]]
-        places += [a.parameters[x]] * len(speeds)
+        places += [row[x]] * len(speeds)
         values += speeds.tolist()
     return places, values
 
@@ -535,7 +534,7 @@ def plot_exponents(sweep: Sweep, ax: Any = None, *, x: str | None = None, unit: 
     for name, (rows, face, edge) in looks.items():
         if not rows:
             continue
-        places = [r.attractor.parameters[x] for r in rows]
+        places = [r[x] for r in rows]
         errors = [r.attractor.error * r.attractor.rate for r in rows]
         mark = {"marker": "o", "markersize": 3.2, "markerfacecolor": face, "color": edge}
         values = [r.attractor.per_period for r in rows]
@@ -544,7 +543,7 @@ def plot_exponents(sweep: Sweep, ax: Any = None, *, x: str | None = None, unit: 
     for name, rows, shape in (("sticking", sticking, "v"), ("below rounding", lost, "x")):
         if rows:
             mark = {"marker": shape, "markersize": 4, "color": "0.15", "linestyle": "none"}
-            places = [r.attractor.parameters[x] for r in rows]
+            places = [r[x] for r in rows]
             ax.plot(places, [0.02] * len(places), transform=ax.get_xaxis_transform(), **mark)
             handles.append(style.legend_mark(label=name, **mark))
     ax.set_xlim(*_limits(sweep, x))
@@ -600,7 +599,7 @@ def plot_energy(
     voltages, means, places = [], [], []
     for row in first:
         energy = attractor_voltages(membrane, row.attractor)
-        place = row.attractor.parameters[x]
+        place = row[x]
         shown = energy.impacts if row.attractor.period else energy.impacts[-SHOWN:]
         voltages += [(place, u) for u in shown.tolist()]
         means.append((energy.per_impact, energy.per_time))
@@ -682,7 +681,7 @@ def plot_basins(found: Basins, ax: Any = None) -> Any:
     matplotlib.axes.Axes
     """
     ax = ax or style.new_figure(6.4, 4.4).add_subplot()
-    colours = np.array([_rgb(SPOTS[k % len(SPOTS)]) for k in range(len(found.attractors))])
+    colours = np.array([to_rgb(SPOTS[k % len(SPOTS)]) for k in range(len(found.attractors))])
     if not found.attractors:
         raise InputError("basins", "no start was made", "let it run for longer")
     period = found.attractors[0].forcing_period
@@ -752,7 +751,7 @@ def _draw_bands(ax: Any, shares: Sequence[Share], places: Mapping[float, float])
     for number in sorted({share.motion for share in shares}):
         own = {share.value: share for share in shares if share.motion == number}
         k = number - 1
-        look: dict[str, Any] = {"facecolor": (*_rgb(SPOTS[k % len(SPOTS)]), 0.45)}
+        look: dict[str, Any] = {"facecolor": (*to_rgb(SPOTS[k % len(SPOTS)]), 0.45)}
         look |= {"edgecolor": "0.35", "linewidth": 0.4, "hatch": HATCHES[k % len(HATCHES)]}
         none = Share(math.nan, "", 0.0, low=0.0, high=0.0)
         part, low, high = np.array(
@@ -837,13 +836,6 @@ def _(result: Attractor, model: Model | None = None) -> Any:
 @draw_result.register
 def _(result: Run, model: Model | None = None) -> Any:
     return draw_result(attractor_of_run(result, model))
-
-
-def _rgb(colour: str) -> tuple[float, float, float]:
-    if not colour.startswith("#"):
-        return (float(colour),) * 3
-    red, green, blue = (int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5))
-    return red, green, blue
 
 
 # Files.

@@ -338,10 +338,8 @@ def _draw_panel(ax: Any, panel: Panel, keys: Sequence[Key], units: Mapping[str, 
 
 
 def _draw_curve(ax: Any, curve: Curve, panel: Panel, colour: str) -> None:
-    """Draw runs of equal status; a piece that starts at a marked point takes it from its end."""
-    ghost = curve.ghost.copy()
-    marked = np.nonzero(curve["event"][:-1] != "")[0]
-    ghost[marked] = ghost[marked + 1]
+    """Draw runs of equal status."""
+    ghost = curve.ghost_pieces
     edges = np.nonzero(np.diff(ghost.astype(int)))[0] + 1
     x, y, width = curve[panel.across], curve[panel.along], kind_of(curve.kind).look.width
     for first, last in zip([0, *edges], [*edges, len(ghost)], strict=True):

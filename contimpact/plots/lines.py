@@ -20,7 +20,7 @@ from matplotlib.transforms import ScaledTranslation
 from ..arrays import Array
 from ..bifurcations.kind import kind_of
 from ..errors import printable, shorten
-from ..results.branch import STATUS, Branch, Entry, first_unknown
+from ..results.branch import STATUS, Branch, Entry, first_unknown, shared_parameters
 from ..results.diagram import Diagram
 from ..results.quantities import (
     GREEK,
@@ -408,16 +408,8 @@ def walls_of(system: str, names: Sequence[str]) -> list[str]:
 
 def fixed_values(branches: Sequence[Branch]) -> dict[str, float]:
     """Return the parameters that no branch varies and all share, derived ones left out."""
-    if not branches:
-        return {}
-    found = _class(branches[0].system)
-    derived = found.DERIVED if found else ()
-    return {
-        name: float(branches[0][name][0])
-        for name in branches[0].constant
-        if name not in derived
-        and all(name in b.constant and b[name][0] == branches[0][name][0] for b in branches)
-    }
+    found = _class(branches[0].system) if branches else None
+    return shared_parameters(branches, found.DERIVED if found else ())
 
 
 def _class(name: str) -> type[Model] | None:

@@ -776,6 +776,27 @@ def require_axis(branches: Sequence[Branch], x: str, where: str, found: str) -> 
     require_known(x, ["arclength", *varying], where, found)
 
 
+def constant_parameters(branches: Sequence[Branch], derived: Sequence[str]) -> list[str]:
+    """Return the parameters that are constant along every branch, derived ones left out."""
+    if not branches:
+        return []
+    return [
+        name
+        for name in branches[0].constant
+        if name not in derived and all(name in branch.constant for branch in branches)
+    ]
+
+
+def shared_parameters(branches: Sequence[Branch], derived: Sequence[str]) -> dict[str, float]:
+    """Return the constant parameters that all branches share."""
+    shared = {}
+    for name in constant_parameters(branches, derived):
+        values = {float(branch[name][0]) for branch in branches}
+        if len(values) == 1:
+            shared[name] = values.pop()
+    return shared
+
+
 DETAILS = ("flight", "wall", "impact", "touch_time", "requested")
 """Details of an event that an entry keeps."""
 

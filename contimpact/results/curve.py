@@ -204,6 +204,15 @@ class Curve(Columns):
         """Whether the bifurcation is a ghost, point by point."""
         return np.asarray((self["n_unstable"] > 0) | (self["physical"] == 0))
 
+    @property
+    def ghost_pieces(self) -> Array:
+        """Whether it is one from each point on; at a marked point the next one tells."""
+        ghost = self.ghost
+        if "event" in self.columns:
+            marked = np.nonzero(self["event"][:-1] != "")[0]
+            ghost[marked] = ghost[marked + 1]
+        return ghost
+
     def summary(self) -> Summary:
         """Return the curve's points of codimension two and its ends in short."""
         names = self.parameters
