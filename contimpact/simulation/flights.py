@@ -377,14 +377,16 @@ class FlightInState:
         if self.motions[wall].family is Family.INTEGRATED:
             least = self._release(body, wall, velocity)
             return fly_integrated(self.motions[wall], body, wall, phase, velocity, least)
-        head, rising = (wall, phase, velocity), body.leaving[wall] < 0
-        low, high = body.low[wall], body.high[wall]
-        side, left, speed = 0, 0.0, velocity
-        windows = range(body.longest[0])
-        ways = (b for k in windows for b in self.breaks(body, wall, head[1:], k))
-        for breaks in ways:
+        return self.arrive(body, (wall, phase, velocity), body.leaving[wall] < 0)
+
+    def arrive(self, body: Body, head: tuple[Any, ...], rising: bool) -> tuple[int, float, float]:
+        """Return the same from a head: the wall left, the phase, and the state there, the velocity
+        last."""
+        side, left, speed = 0, 0.0, head[-1]
+        walls = body.low[head[0]], body.high[head[0]]
+        for breaks in (b for k in range(body.longest[0]) for b in self._breaks(body, head, k)):
             side, left, speed, rising = first_hit(
-                self.motion, head, body.values, breaks, left, rising, low, high
+                self.motion, head, body.values, breaks, left, rising, *walls
             )
             if side:
                 break
@@ -395,21 +397,17 @@ class FlightInState:
         at_rest = velocity == 0.0 or body.restitution[wall] == 0.0
         return NUDGE * body.clock[0] if at_rest else 0.0
 
-    def breaks(
-        self, body: Body, wall: int, head: tuple[float, ...], window: int
-    ) -> Iterator[list[float]]:
+    def _breaks(self, body: Body, head: tuple[Any, ...], window: int) -> Iterator[list[float]]:
         """Yield times after leaving, in a window of a period, between which velocity is monotone.
-
-        The flight is that of the motion after a wall from the head, the velocity last.
 
         They come piece by piece: an arrival spares those after it. A window after the first that
         keeps clear of the walls, and a piece of many oscillations that does, have their ends alone.
         """
-        period, values = body.clock[0], body.values
+        period, values, (wall, *state) = body.clock[0], body.values, head
         start, vectorised = window * period, evaluate_in(self.motions[wall], ARRAYS)
 
         def motion(dt: Array) -> Any:
-            return vectorised(*head, start + dt, *values)
+            return vectorised(*state, start + dt, *values)
 
         def clear(begin: float, length: float) -> bool:
             x = motion(begin + chebyshev_nodes(NODES, length))[0]
@@ -419,7 +417,7 @@ class FlightInState:
             yield [start + period]
             return
         least = self._release(body, wall, head[-1]) if window == 0 else 0.0
-        way = self.motions[wall], head, values, start
+        way = self.motions[wall], state, values, start
         rounding, turns = rounding_along(*way), turns_along(*way)
         pieces = zeros_in_turn(
             lambda dt: motion(dt)[2], period, clear, rounding=rounding, turns=turns

@@ -22,7 +22,7 @@ from ..segments.flight import chebyshev_zeros, first_arrival, rounding_along, ti
 from ..segments.kernel import Family
 from ..segments.kernels import Kernels
 from ..segments.segment import ARRAYS, Kernel, evaluate_in, neighbouring_guards
-from .flights import FlightInState, first_hit, fly_in_time, motion_at, of_guards, start_integrated
+from .flights import FlightInState, fly_in_time, motion_at, of_guards, start_integrated
 from .run import (
     Body,
     Call,
@@ -319,22 +319,14 @@ class OneCoordinate:
         if guard.next_mode != model.first_mode:
             found = f"the flights of {model.SYSTEM} in {guard.next_mode!r} are known from guards on"
             raise InputError("position", found, "start at a guard")
-        kernel, head = self.kernels.passing(guard.name), (phase, position, velocity)
+        kernel, head = self.kernels.passing(guard.name), (0, phase, position, velocity)
 
         def motion(head: Any, dt: float, _: Any) -> Any:
-            return kernel(*head, dt, *values)
+            return kernel(*head[1:], dt, *values)
 
         body = self.body._replace(low=[position + low], high=[position + high])
-        flight = FlightInState((kernel,), motion)
         rising = velocity > 0.0 or (velocity == 0.0 and motion(head, 0.0, values)[2] > 0.0)
-        side, left, speed = 0, 0.0, velocity
-        for breaks in (b for k in range(self.longest) for b in flight.breaks(body, 0, head, k)):
-            side, left, speed, rising = first_hit(
-                motion, head, values, breaks, left, rising, body.low[0], body.high[0]
-            )
-            if side:
-                break
-        return side, left, speed
+        return FlightInState((kernel,), motion).arrive(body, head, rising)
 
     def path(self, states: Sequence[State], times: Array, points: int) -> Any:
         """Return gap coordinate and velocity from impact to impact: times, x and v by flights."""
@@ -384,26 +376,17 @@ class OneCoordinate:
 
         Returns the last state, why the run ended, the number of rows, and their columns in parts.
         """
-        most, last = span
-        if self._runs is None:
-            state, found, made, columns = self.loop.make(state, span, asked, record, fastest)
-            return state, found or Outcome.DONE, made, [columns]
-        parts: list[list[Any]] = []
-        made, outcome = 0, Outcome.DONE
-        while outcome is Outcome.DONE and made < most and state.turns < last:
-            given = (most - made, last), asked, record, fastest
-            state, found, count, columns = self._runs.make(state, *given)
-            parts.append(columns)
+        runs = self._runs or self.loop
+        state, found, made, columns = runs.make(state, span, asked, record, fastest)
+        parts = [columns]
+        if found is None:
+            with timed_plainly(runs.engine.identity):
+                one = (1, span[1]), 1, record, fastest
+                state, found, count, columns = self.loop.make(state, *one)
+            runs.engine.plain += count
             made += count
-            if found is None:
-                with timed_plainly(self._runs.engine.identity):
-                    one = (1, last), 1, record, fastest
-                    state, found, count, columns = self.loop.make(state, *one)
-                self._runs.engine.plain += count
-                parts.append(columns)
-                made += count
-            outcome = found or Outcome.DONE
-        return state, outcome, made, parts
+            parts.append(columns)
+        return state, found or Outcome.DONE, made, parts
 
     def batch(self, asked: int) -> Call | None:
         """Return compiled code for many motions; None where the work is not worth it."""
