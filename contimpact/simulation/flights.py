@@ -111,6 +111,10 @@ class LinearMotion:
             found[d : 2 * d] -= self.directions @ (inverse @ (self.rows @ found[d : 2 * d]))
         return found
 
+    def moving(self, state: Array) -> Array:
+        """Return positions and velocities of X, shape (2, d)."""
+        return state[: 2 * self.shape.freedom].reshape(2, -1)
+
     def rate(self, state: Array) -> Array:
         """Return how positions and velocities change, shape (2 d,)."""
         d = self.shape.freedom
@@ -478,8 +482,36 @@ def windows(period: float, longest: int, short: bool) -> Iterator[tuple[float, f
         yield (begin + turn) * period, period
 
 
+class TrackWindow:
+    """A part of a flight that is known by a track."""
+
+    track: Any
+    moving: Any
+    """Positions and velocities at the window's beginning, shape (2, d)."""
+    at: Any
+    """Returns the same some time after."""
+
+    def coordinate(self, guard: Guard) -> Coordinate:
+        """Return how a guard's gap coordinate moves; times count from the window's beginning."""
+        row = guard.row(self.moving.shape[1])
+        curve = self.track.along(row, from_start=True)
+        return curve, curve.breaks(), float(self.moving[0] @ row)
+
+    def beginning(self, guard: Guard) -> tuple[float, float]:
+        """Return a guard's gap coordinate and its velocity at the window's beginning."""
+        x, v = self.moving
+        row = guard.row(len(x))
+        return float(x @ row), float(v @ row)
+
+    def section(self, guard: Guard, dt: float, speed: float) -> tuple[float, ...]:
+        """Return the section coordinates at a guard, from the gap coordinate's velocity there."""
+        x, v = self.at(dt).tolist()
+        others = [i for i in range(len(x)) if i != pivot(guard.row(len(x)))]
+        return (speed, *(part[i] for i in others for part in (x, v)))
+
+
 @dataclass(frozen=True, eq=False)
-class LinearWindow:
+class LinearWindow(TrackWindow):
     """A part of a linear flight: its first time, since the flight's start, and its duration."""
 
     motion: LinearMotion
@@ -490,28 +522,24 @@ class LinearWindow:
     length: float
 
     @property
+    def moving(self) -> Array:
+        return self.motion.moving(self.state)
+
+    def at(self, dt: float) -> Array:
+        return self.motion.moving(self.motion.resting(self.track.at(dt)))
+
+    @property
     def speed(self) -> float:
         """The largest velocity at the window's beginning."""
-        size = self.motion.shape.freedom
-        return float(np.max(np.abs(self.state[size : 2 * size])))
+        return float(np.max(np.abs(self.moving[1])))
 
-    def coordinate(self, guard: Guard) -> Coordinate:
-        """Return how a guard's gap coordinate moves; times count from the window's beginning."""
-        size = self.motion.shape.freedom
-        row = guard.row(size)
-        curve = self.track.along(row, from_start=True)
-        return curve, curve.breaks(), float(self.state[:size] @ row)
-
-    def beginning(self, guard: Guard) -> tuple[float, float]:
-        """Return a guard's gap coordinate and its velocity at the window's beginning."""
-        size = self.motion.shape.freedom
-        row = guard.row(size)
-        return float(self.state[:size] @ row), float(self.state[size : 2 * size] @ row)
+    def bounds(self, guard: Guard) -> tuple[float, float]:
+        """Return bounds of a guard's gap coordinate in the window."""
+        return self.track.bounds(guard.row(self.motion.shape.freedom))
 
     def rests(self, guard: Guard, position: float, period: float) -> bool:
         """Whether a gap coordinate is at a position, at rest and without a force, to rounding."""
-        size, row = self.motion.shape.freedom, np.array(guard.row(self.motion.shape.freedom))
-        x, v = self.state[:size], self.state[size : 2 * size]
+        row, (x, v) = np.array(guard.row(self.motion.shape.freedom)), self.moving
         weights = row @ self.motion.accelerations
         force = AT_ONCE * float(
             np.abs(row) @ np.abs(self.motion.accelerations) @ np.abs(self.state)
@@ -522,16 +550,6 @@ class LinearWindow:
             and abs(weights @ self.state) <= force
         )
 
-    def bounds(self, guard: Guard) -> tuple[float, float]:
-        """Return bounds of a guard's gap coordinate in the window."""
-        return self.track.bounds(guard.row(self.motion.shape.freedom))
-
-    def section(self, guard: Guard, dt: float, speed: float) -> tuple[float, ...]:
-        """Return the section coordinates at a guard, from the gap coordinate's velocity there."""
-        size, state = self.motion.shape.freedom, self.motion.resting(self.track.at(dt))
-        others = [i for i in range(size) if i != pivot(guard.row(size))]
-        return (speed, *(float(state[j]) for i in others for j in (i, size + i)))
-
     def release(self) -> tuple[float, Contact] | None:
         """Return when a contact is released in it, and which."""
         return self.motion.release(self.track, self.state)
@@ -541,16 +559,15 @@ def linear_windows(
     motion: LinearMotion, state: Array, phase: float, lengths: Iterable[tuple[float, float]]
 ) -> Iterator[LinearWindow]:
     """Yield the windows of a flight from a state X at a phase, by their begins and lengths."""
-    size = motion.shape.freedom
     for begin, length in lengths:
         track = motion.track(state, length)
         yield LinearWindow(motion, track, state, begin, length)
-        state, now = track.at(length), phase + begin + length
-        state = motion.resting(motion.embedded(state[:size], state[size : 2 * size], now))
+        x, v = motion.moving(track.at(length))
+        state = motion.resting(motion.embedded(x, v, phase + begin + length))
 
 
 @dataclass(frozen=True, eq=False)
-class IntegratedWindow:
+class IntegratedWindow(TrackWindow):
     """The same of a flight that is integrated."""
 
     field: str
@@ -564,40 +581,29 @@ class IntegratedWindow:
     length: float
 
     @functools.cached_property
-    def state(self) -> Array:
-        """Positions and velocities at the window's beginning, shape (2, size)."""
+    def moving(self) -> Array:
         if self.begin == self.known:
             own = statement(self.field).freedom
             return self._whole(*np.reshape(self.numbers[1 : 1 + 2 * own], (2, own)))
-        return replace(self, begin=self.known, length=self.begin - self.known).after
+        before = replace(self, begin=self.known, length=self.begin - self.known)
+        return before.at(before.length)
 
     @functools.cached_property
     def track(self) -> IntegratedTrack:
-        """The states in the window."""
-        return IntegratedTrack(self.field, self._from(self.begin, self.state), self.length)
-
-    @property
-    def after(self) -> Array:
-        """The same where the window ends."""
-        return self._at(self.length)
+        return IntegratedTrack(self.field, self._from(self.begin, self.moving), self.length)
 
     def then(self, begin: float, length: float) -> IntegratedWindow:
         """Return the window that begins where this one ends."""
-        return replace(
-            self,
-            numbers=self._from(self.begin + self.length, self.after),
-            known=begin,
-            begin=begin,
-            length=length,
-        )
+        numbers = self._from(self.begin + self.length, self.at(self.length))
+        return replace(self, numbers=numbers, known=begin, begin=begin, length=length)
 
-    def _from(self, begin: float, state: Array) -> list[float]:
+    def _from(self, begin: float, moving: Array) -> list[float]:
         """What `integration.flown` takes from a state on."""
         own = statement(self.field).freedom
         moved = self.numbers[0] + (begin - self.known)
-        return [moved, *state[:, :own].ravel().tolist(), *self.numbers[1 + 2 * own :]]
+        return [moved, *moving[:, :own].ravel().tolist(), *self.numbers[1 + 2 * own :]]
 
-    def _at(self, dt: float) -> Array:
+    def at(self, dt: float) -> Array:
         found = self.track.at(np.array([dt]))
         return self._whole(found[0][0], found[1][0])
 
@@ -607,22 +613,8 @@ class IntegratedWindow:
         whole[:, : len(x)] = x, v
         return whole
 
-    def coordinate(self, guard: Guard) -> Coordinate:
-        row = guard.row(self.size)
-        curve = self.track.along(row, from_start=True)
-        return curve, curve.breaks(), float(self.state[0] @ row)
-
-    def beginning(self, guard: Guard) -> tuple[float, float]:
-        x, v = (self.state @ guard.row(self.size)).tolist()
-        return x, v
-
     def bounds(self, guard: Guard) -> tuple[float, float]:
         return self.track.along(guard.row(self.size)).bounds()
-
-    def section(self, guard: Guard, dt: float, speed: float) -> tuple[float, ...]:
-        x, v = self._at(dt).tolist()
-        others = [i for i in range(self.size) if i != pivot(guard.row(self.size))]
-        return (speed, *(part[i] for i in others for part in (x, v)))
 
     def release(self) -> None:
         """Nothing is held here."""
