@@ -13,7 +13,6 @@ compiles.
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -40,13 +39,11 @@ from .run import (
     Engine,
     Runs,
     Setting,
-    accumulates,
-    first_reached,
+    arrivals,
     flights_class,
     formulas,
     glue_entry,
     is_beyond,
-    row_value,
     section_place,
 )
 
@@ -68,65 +65,47 @@ starts with, as of `segments.taylor.path_by_series`, and scratch space of the se
 IntegratedFlights: Any = flights_class("IntegratedFlights", FIELDS | ROOM)
 
 
-def arrivals_on_steps(
+Stretch = tuple[int, int, float]
+"""The law of a window, its steps, and its length."""
+
+
+def begin_on_steps(
+    flights: AnyFlights, row: int, stretch: Stretch, space: Vector
+) -> tuple[float, float]:
+    """Return velocity and acceleration of a row where a window begins."""
+    head = row, flights.sizes[3], stretch[1]
+    _, speed, force = motion_of_gap(head, 0.0, flights.steps)
+    return speed, force
+
+
+def first_on_steps(
     flights: AnyFlights,
-    law: int,
-    left: int,
-    velocity: float,
-    made: int,
-    length: float,
+    row: int,
+    stretch: Stretch,
+    rising: bool,
+    low: float,
+    high: float,
     space: Vector,
 ) -> tuple[int, float, float]:
-    """Return guard, time and velocity of the first arrival in a window, whose positions at the
-    beginning stand in scratch space; otherwise as `linear_flights.arrivals`."""
-    gaps, rows, hits = flights.sizes[2], flights.sizes[3], 4 * flights.sizes[1]
-    earliest, walls = math.inf, len(flights.sides)
-    for k in range(walls if left >= 0 else 0):
-        if flights.begins[walls * left + k] != 0:
-            _, speed, _ = motion_of_gap((flights.row[k], rows, made), 0.0, flights.steps)
-            if flights.sides[k] * speed > 0.0:  # it may pass it at once
-                return -2, 0.0, 0.0
-    for row in range(gaps):
-        space[hits + 3 * row] = math.inf
-        below, above = flights.below[law * gaps + row], flights.above[law * gaps + row]
-        if below < 0 and above < 0:
-            continue
-        head = (row, rows, made)
-        origin = row_value(flights, row, space)
-        _, speed, force = motion_of_gap(head, 0.0, flights.steps)
-        rising = speed > 0.0 or (speed == 0.0 and force > 0.0)
-        if left >= 0 and flights.row[left] == row:
-            if speed == 0.0 or flights.leaving[left] * speed > 0.0:
-                return -2, 0.0, 0.0
-            if accumulates(flights, left, velocity, force):
-                return -2, 0.0, 0.0
-            if flights.stays[left] != 0:
-                origin = flights.positions[left]
-            if flights.leaving[left] != 0:
-                rising = flights.leaving[left] < 0
-        low = flights.positions[below] - origin if below >= 0 else -math.inf
-        high = flights.positions[above] - origin if above >= 0 else math.inf
-        first = 2 * MOST * row
-        last = first + int(flights.found[row])
-        if last == first + 2 * MOST:
-            return -2, 0.0, 0.0
-        flights.breaks[last] = length
-        side, dt, speed, _ = first_hit(
-            motion_of_gap,
-            head,
-            flights.steps,
-            flights.breaks[first : last + 1],
-            0.0,
-            rising,
-            low,
-            high,
-        )
-        if side != 0:
-            space[hits + 3 * row] = dt
-            space[hits + 3 * row + 1] = speed
-            space[hits + 3 * row + 2] = side
-            earliest = min(earliest, dt)
-    return first_reached(flights, law, earliest, flights.clock[0], space)
+    """Return side, time and velocity of the first arrival of a gap coordinate in a window."""
+    first, head = 2 * MOST * row, (row, flights.sizes[3], stretch[1])
+    last = first + int(flights.found[row])
+    if last == first + 2 * MOST:
+        return 2, 0.0, 0.0
+    flights.breaks[last] = stretch[2]
+    breaks = flights.breaks[first : last + 1]
+    found = first_hit(motion_of_gap, head, flights.steps, breaks, 0.0, rising, low, high)
+    return found[0], found[1], found[2]
+
+
+def may_pass_at_once(flights: AnyFlights, left: int, stretch: Stretch, space: Vector) -> bool:
+    """Whether a flight begins on the surface of a guard of its mode, with a velocity towards it."""
+    for k in range(len(flights.sides)):
+        if flights.begins[len(flights.sides) * left + k] != 0:
+            speed, _ = begin_on_steps(flights, flights.row[k], stretch, space)
+            if flights.sides[k] * speed > 0.0:
+                return True
+    return False
 
 
 def fly_integrated(
@@ -169,7 +148,12 @@ def fly_integrated(
             if length < LEAST * period:
                 return LEFT, wall, 0.0
             continue
-        reached, dt, speed = arrivals_on_steps(flights, law, left, velocity, made, length, space)
+        stretch = law, made, length
+        if left >= 0 and may_pass_at_once(flights, left, stretch, space):
+            return LEFT, wall, 0.0
+        reached, dt, speed = arrivals(
+            begin_on_steps, first_on_steps, flights, stretch, left, velocity, period, space
+        )
         if reached == -2 or (reached >= 0 and passed + dt <= NUDGE * period):
             return LEFT, wall, 0.0
         at = dt if reached >= 0 else length

@@ -44,14 +44,12 @@ from .run import (
     Engine,
     Runs,
     Setting,
-    accumulates,
-    first_reached,
+    arrivals,
     flights_class,
     formulas,
     glue_entry,
     is_beyond,
     make_flights,
-    row_value,
     section_place,
 )
 
@@ -90,6 +88,11 @@ def space_of(flights: AnyFlights) -> int:
 # Scratch space holds X, what it becomes, X a period before, and the section coordinates, each in
 # the largest size of X; the arrivals at each gap coordinate (time, velocity, side); the polynomial
 # of each row, and one more.
+
+
+def polynomial_place(flights: AnyFlights, row: int) -> int:
+    """Return where the polynomial of a row stands in scratch space."""
+    return int(4 * flights.sizes[1] + 3 * flights.sizes[2] + TERMS * row)
 
 
 def displacement(head: tuple[int], s: float, space: Vector) -> tuple[float, float, float]:
@@ -172,6 +175,8 @@ def first_in_piece(
     The side is 0 for none, and 2 where the piece is not resolved. The polynomial is at the place
     `at`, with room for another one at `to`; the rest is as in `segments.flight.first_arrival`.
     """
+    if not abs(space[at]) + abs(space[at + 1]) < math.inf:
+        return 2, 0.0, 0.0
     kind = look(space, at, 0.0, low, high)
     if kind == CLEAR:
         return 0, 1.0, 0.0
@@ -219,14 +224,12 @@ def advance(flights: AnyFlights, law: int, space: Vector) -> None:
 
 def arrive(flights: AnyFlights, law: int, wall: int, s: float, speed: float, space: Vector) -> None:
     """Fill in the section coordinates of an arrival on a piece."""
-    d, width, gaps = flights.sizes[0], flights.sizes[1], flights.sizes[2]
-    piece, section, j = flights.piece[law], section_place(flights), 0
-    polynomials = 4 * width + 3 * gaps
+    d, piece, section, j = flights.sizes[0], flights.piece[law], section_place(flights), 0
     space[section] = speed / piece
     for i in range(d):
         if i != flights.pivot[wall]:
             row = flights.unit[i]
-            at = polynomials + TERMS * row
+            at = polynomial_place(flights, row)
             coefficients(flights, law, row, at, space)
             x, v, _ = displacement((at,), s, space)
             space[section + 1 + j] = space[i] + x
@@ -234,52 +237,21 @@ def arrive(flights: AnyFlights, law: int, wall: int, s: float, speed: float, spa
             j += 2
 
 
-def arrivals(
-    flights: AnyFlights, law: int, left: int, velocity: float, space: Vector
-) -> tuple[int, float, float]:
-    """Return guard, time and velocity of the first arrival on a piece; -1 for none, -2 where the
-    flight is left to the `automaton`.
+def begin_on_piece(
+    flights: AnyFlights, row: int, stretch: tuple[int], space: Vector
+) -> tuple[float, float]:
+    """Return velocity, in pieces, and acceleration of a gap coordinate; fills in its polynomial."""
+    at, law = polynomial_place(flights, row), stretch[0]
+    coefficients(flights, law, row, at, space)
+    return space[at], (2.0 * space[at + 1]) / (flights.piece[law] * flights.piece[law])
 
-    `left` is the guard left at the beginning of the piece (-1 for none), with this velocity before
-    it.
-    """
-    width, gaps = flights.sizes[1], flights.sizes[2]
-    hits, polynomials = 4 * width, 4 * width + 3 * gaps
-    spare = polynomials + TERMS * flights.sizes[3]
-    earliest = math.inf
-    for row in range(gaps):
-        space[hits + 3 * row] = math.inf
-        below, above = flights.below[law * gaps + row], flights.above[law * gaps + row]
-        if below < 0 and above < 0:
-            continue
-        at = polynomials + TERMS * row
-        coefficients(flights, law, row, at, space)
-        origin = row_value(flights, row, space)
-        c1, c2 = space[at], space[at + 1]
-        rising = c1 > 0.0 or (c1 == 0.0 and c2 > 0.0)
-        if not abs(c1) + abs(c2) < math.inf:
-            return -2, 0.0, 0.0
-        if left >= 0 and flights.row[left] == row:
-            if c1 == 0.0 or flights.leaving[left] * c1 > 0.0:  # at rest, or passing it at once
-                return -2, 0.0, 0.0
-            piece = flights.piece[law]
-            if accumulates(flights, left, velocity, (2.0 * c2) / (piece * piece)):
-                return -2, 0.0, 0.0
-            if flights.stays[left] != 0:
-                origin = flights.positions[left]
-            if flights.leaving[left] != 0:
-                rising = flights.leaving[left] < 0
-        low = flights.positions[below] - origin if below >= 0 else -math.inf
-        high = flights.positions[above] - origin if above >= 0 else math.inf
-        side, s, speed = first_in_piece(space, at, spare, rising, low, high)
-        if side == 2:
-            return -2, 0.0, 0.0
-        if side != 0:
-            space[hits + 3 * row] = s
-            space[hits + 3 * row + 1] = speed
-            space[hits + 3 * row + 2] = side
-            earliest = min(earliest, s)
-    return first_reached(flights, law, earliest, float(flights.count[law]), space)
+
+def first_on_piece(
+    flights: AnyFlights, row: int, _: Any, rising: bool, low: float, high: float, space: Vector
+) -> tuple[int, float, float]:
+    """Return side, time and velocity of the first arrival of a gap coordinate."""
+    at, spare = polynomial_place(flights, row), polynomial_place(flights, flights.sizes[3])
+    return first_in_piece(space, at, spare, rising, low, high)
 
 
 def fly_linear(
@@ -300,10 +272,12 @@ def fly_linear(
     left, begun = wall, 2 * width
     for j in range(n):
         space[begun + j] = space[j]
-    repeats = False
+    repeats, pieces = False, float(flights.count[law])
     for turn in range(min(flights.sizes[4], LONG)):
         for k in range(flights.count[law]):
-            reached, s, speed = arrivals(flights, law, left, velocity, space)
+            reached, s, speed = arrivals(
+                begin_on_piece, first_on_piece, flights, (law,), left, velocity, pieces, space
+            )
             if reached == -2:
                 return LEFT, wall, 0.0
             if reached >= 0:

@@ -643,6 +643,59 @@ def first_reached(
     return wall, latest, space[hits + 3 * chosen + 1]
 
 
+def arrivals(
+    begin: Callable[..., Any],
+    first: Callable[..., Any],
+    flights: AnyFlights,
+    stretch: Any,
+    left: int,
+    velocity: float,
+    period: float,
+    space: Vector,
+) -> tuple[int, float, float]:
+    """Return guard, time and velocity of the first arrival on a stretch of a flight; -1 for none,
+    -2 where the flight is left to the `automaton`.
+
+    ``begin(flights, row, stretch, space)`` returns velocity and acceleration of a gap coordinate
+    where the stretch begins; the positions there stand in scratch space. ``first(flights, row,
+    stretch, rising, low, high, space)`` returns side, time and velocity of its first arrival, and
+    the side 2 where that is not resolved. A stretch has its law first. `left` is the guard left
+    where it begins (-1 for none), with this velocity before it. The period is in its unit of time.
+    """
+    law = stretch[0]
+    gaps, hits, earliest = flights.sizes[2], 4 * flights.sizes[1], math.inf
+    for row in range(gaps):
+        space[hits + 3 * row] = math.inf
+        below, above = flights.below[law * gaps + row], flights.above[law * gaps + row]
+        if below < 0 and above < 0:
+            continue
+        origin = row_value(flights, row, space)
+        speed, force = begin(flights, row, stretch, space)
+        rising = speed > 0.0 or (speed == 0.0 and force > 0.0)
+        if left >= 0 and flights.row[left] == row:
+            if (
+                speed == 0.0 or flights.leaving[left] * speed > 0.0
+            ):  # at rest, or passing it at once
+                return -2, 0.0, 0.0
+            if accumulates(flights, left, velocity, force):
+                return -2, 0.0, 0.0
+            if flights.stays[left] != 0:
+                origin = flights.positions[left]
+            if flights.leaving[left] != 0:
+                rising = flights.leaving[left] < 0
+        low = flights.positions[below] - origin if below >= 0 else -math.inf
+        high = flights.positions[above] - origin if above >= 0 else math.inf
+        side, time, speed = first(flights, row, stretch, rising, low, high, space)
+        if side == 2:
+            return -2, 0.0, 0.0
+        if side != 0:
+            space[hits + 3 * row] = time
+            space[hits + 3 * row + 1] = speed
+            space[hits + 3 * row + 2] = side
+            earliest = min(earliest, time)
+    return first_reached(flights, law, earliest, period, space)
+
+
 def section_place(flights: AnyFlights) -> int:
     """Return where the section coordinates before an impact stand in scratch space, and behind them
     the speed beyond which the motion runs away."""
