@@ -115,8 +115,8 @@ def fly_integrated(
     wall: int,
     phase: float,
     space: Vector,
-) -> tuple[int, int, float]:
-    """Make one flight, as `linear_flights.fly_linear`.
+) -> tuple[int, int, float, int]:
+    """Make one flight, as the ``fly`` of `make_flights`.
 
     ``begin(wall, phase, section, values, numbers)`` fills in what the flight starts with, and
     ``path(law, length, numbers, series, factors, rows, way)`` how it goes on for a while.
@@ -124,6 +124,8 @@ def fly_integrated(
     d, rows, period = flights.sizes[0], flights.sizes[3], flights.clock[0]
     law, numbers, section = flights.law[wall], flights.numbers, section_place(flights)
     velocity, fastest = space[section], space[section + 2 * d - 1]
+    if abs(velocity) <= flights.slow[wall]:
+        return LEFT, wall, phase, 0
     n, weights = flights.freedom[law], flights.weights[law * rows * d :]
     begin(wall, phase, space[section:], flights.values, numbers)
     way = FollowedFlight(
@@ -139,23 +141,23 @@ def fly_integrated(
     for i in range(d):
         space[i] = numbers[1 + i] if i < n else 0.0
     if is_beyond(flights, wall, law, space):
-        return BEYOND, wall, 0.0
+        return BEYOND, wall, phase, 0
     left, began, passed, length = wall, numbers[0], 0.0, FIRST * period
     while passed < min(flights.sizes[4], LONG) * period:
         made = path(law, length, numbers, flights.series, weights, rows, way)
         if made < 0:
             length *= 0.5
             if length < LEAST * period:
-                return LEFT, wall, 0.0
+                return LEFT, wall, phase, 0
             continue
         stretch = law, made, length
         if left >= 0 and may_pass_at_once(flights, left, stretch, space):
-            return LEFT, wall, 0.0
+            return LEFT, wall, phase, 0
         reached, dt, speed = arrivals(
             begin_on_steps, first_on_steps, flights, stretch, left, velocity, period, space
         )
         if reached == -2 or (reached >= 0 and passed + dt <= NUDGE * period):
-            return LEFT, wall, 0.0
+            return LEFT, wall, phase, 0
         at = dt if reached >= 0 else length
         j = section
         space[j] = speed
@@ -166,16 +168,16 @@ def fly_integrated(
                 numbers[1 + n + i] = v
                 space[i] = numbers[1 + i]
                 if not abs(v) <= fastest:
-                    return LEFT, wall, 0.0
+                    return LEFT, wall, phase, 0
             elif reached >= 0 and i != flights.pivot[reached]:
                 space[j + 1], space[j + 2] = space[i] + x, v
                 j += 2
         if reached >= 0:
-            return DONE, reached, passed + dt
+            return DONE, reached, phase + (passed + dt), 0
         passed += length
         numbers[0] = began + passed
         left, length = -1, min(2.0 * length, period)
-    return (NO_IMPACT if flights.sizes[4] <= LONG else LEFT), wall, 0.0
+    return (NO_IMPACT if flights.sizes[4] <= LONG else LEFT), wall, phase, 0
 
 
 # Runs of systems whose flights are all integrated.

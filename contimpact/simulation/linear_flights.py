@@ -256,19 +256,20 @@ def first_on_piece(
 
 def fly_linear(
     leave: Callable[..., Any], flights: AnyFlights, wall: int, phase: float, space: Vector
-) -> tuple[int, int, float]:
-    """Make one flight, from the section coordinates before an impact to those before the next.
+) -> tuple[int, int, float, int]:
+    """Make one flight, as the ``fly`` of `make_flights`.
 
-    ``leave(wall, phase, values, space)`` fills in X after an impact. Returns `DONE`, `NO_IMPACT`,
-    `BEYOND` or `LEFT`, the guard that ends the flight, and its duration.
+    ``leave(wall, phase, values, space)`` fills in X after an impact.
     """
     width, law = flights.sizes[1], flights.law[wall]
     section, n, d = section_place(flights), flights.width[law], flights.sizes[0]
     velocity, period, piece = space[section], flights.clock[0], flights.piece[law]
     fastest = space[section + 2 * d - 1]
+    if abs(velocity) <= flights.slow[wall]:
+        return LEFT, wall, phase, 0
     leave(wall, phase, flights.values, space)
     if is_beyond(flights, wall, law, space):
-        return BEYOND, wall, 0.0
+        return BEYOND, wall, phase, 0
     left, begun = wall, 2 * width
     for j in range(n):
         space[begun + j] = space[j]
@@ -279,10 +280,10 @@ def fly_linear(
                 begin_on_piece, first_on_piece, flights, (law,), left, velocity, pieces, space
             )
             if reached == -2:
-                return LEFT, wall, 0.0
+                return LEFT, wall, phase, 0
             if reached >= 0:
                 arrive(flights, law, reached, s, speed, space)
-                return DONE, reached, turn * period + (k + s) * piece
+                return DONE, reached, phase + (turn * period + (k + s) * piece), 0
             advance(flights, law, space)
             left = -1
         for j in range(2 * d, n):  # a whole period later
@@ -294,11 +295,11 @@ def fly_linear(
             space[begun + j] = space[j]
         for j in range(d, 2 * d):
             if not abs(space[j]) <= fastest:
-                return LEFT, wall, 0.0
+                return LEFT, wall, phase, 0
         repeats = apart <= REPEATED * size
         if repeats:
             break
-    return (NO_IMPACT if repeats or flights.sizes[4] <= LONG else LEFT), wall, 0.0
+    return (NO_IMPACT if repeats or flights.sizes[4] <= LONG else LEFT), wall, phase, 0
 
 
 # Runs of systems whose flights are all linear: their vectors, plain and compiled.

@@ -24,6 +24,7 @@ from ..segments.kernels import Kernels
 from ..segments.segment import ARRAYS, Kernel, evaluate_in, neighbouring_guards
 from .flights import FlightInState, fly_in_time, motion_at, of_guards, start_integrated
 from .run import (
+    COLUMNS,
     Body,
     Call,
     Engine,
@@ -34,10 +35,12 @@ from .run import (
     Setting,
     State,
     coefficient,
+    fly_or_stick,
     formulas,
+    glue_entry,
     hold_of,
     join_parts,
-    make_impacts,
+    make_flights,
     pressing_at,
     slow_velocity,
     wall_into,
@@ -51,27 +54,17 @@ if TYPE_CHECKING:
 
 # The loop of a simulation as a compiled program.
 
-BODY = VECTOR * 3 + INTEGERS * 4 + VECTOR * 5 + INTEGERS * 3
+BODY = VECTOR * 3 + INTEGERS * 4 + VECTOR * 5 + INTEGERS * 4
 """Kinds of a body's fields."""
-ROW = INTEGERS * 2 + VECTOR * 2 + INTEGERS
-"""Kinds of the columns that `make_impacts` fills."""
-ARGUMENTS = BODY + INTEGERS + VECTOR + ROW + INTEGERS
-"""Kinds of the entry's arguments, in its order: a body's fields, then those of `make_impacts`, of
-one motion or, without rows, of many, one after the other."""
+ARGUMENTS = BODY + VECTOR + INTEGERS + VECTOR + COLUMNS + INTEGERS
+"""Kinds of the entry's arguments, as in `linear_flights`."""
 
-ENTRY = """
-def fly(body, wall, phase, velocity):
+FLY = """
+def fly_on(body, wall, phase, velocity):
     return fly_in_time(any_motion, body, wall, phase, velocity)
 
-def entry({fields}, state, when, walls, turns, phases, velocities, released, span):
-    body = Body({fields})
-    made = 0
-    for k in range(len(state) // 3):
-        made += make_impacts(
-            fly, any_motion, body, state[3 * k : 3 * k + 3], when[3 * k : 3 * k + 3],
-            walls, turns, phases, velocities, released, span[2 * k : 2 * k + 2]
-        )
-    return made
+def fly(body, wall, phase, space):
+    return fly_or_stick(fly_on, any_motion, body, wall, phase, space)
 """
 
 
@@ -87,9 +80,8 @@ def program_of(motions: Sequence[Kernel]) -> Program:
         condition = f"if head[0] == {wall}: " if wall + 1 < len(names) else ""
         lines.append(f"    {condition}return {name}(head[1], head[2], dt, {given})")
     program.glue("\n".join(lines), **names)
-    program.constant("Body", Body)
-    entry = ENTRY.format(fields=", ".join(Body._fields))
-    program.glue(entry, fly_in_time=fly_in_time, make_impacts=make_impacts)
+    program.glue(FLY, fly_in_time=fly_in_time, fly_or_stick=fly_or_stick)
+    glue_entry(program, Body)
     return program
 
 
@@ -97,7 +89,7 @@ class ImpactRuns(Runs):
     """Runs by the fast loop, plainly or compiled; plainly alone if the acceleration depends on the
     state: compiled code does not find its zeros."""
 
-    fields, columns, size = BODY, ROW, 1
+    fields, size = BODY, 1
 
     def __init__(
         self,
@@ -107,16 +99,16 @@ class ImpactRuns(Runs):
         fly: Callable[..., Any],
         in_time: bool,
     ) -> None:
-        self.flights, self.motion, self.fly = body, motion, fly
+        self.flights, self.fly = body, functools.partial(fly_or_stick, fly, motion)
         identity, build = ("simulate", *formulas(motions)), functools.partial(program_of, motions)
         self.engine = Engine.of(identity, ARGUMENTS, build) if in_time else Engine((), "", None)
 
     def room(self) -> list[Array]:
-        return []
+        return [np.zeros(2)]
 
     def make_plainly(self, at: Any, when: Any, columns: Sequence[Any], span: Any) -> int:
-        given: Any = (self.flights, at, when, *columns, span)
-        return make_impacts(self.fly, self.motion, *given)
+        given: Any = ([0.0, 0.0], at, when, *columns, span)
+        return make_flights(self.fly, self.flights, *given)
 
 
 # The derivative of the map from one impact to the next.
@@ -237,6 +229,7 @@ class OneCoordinate:
             presses=[int(press) for hold in self._holds for press in hold.presses],
             first=np.cumsum([0, *(len(hold.edges) for hold in self._holds)]).tolist(),
             longest=[self.longest],
+            sizes=[1, 0],
         )
 
     @property
@@ -259,7 +252,7 @@ class OneCoordinate:
 
     @functools.cached_property
     def _fly(self) -> Callable[..., Any]:
-        """The flight as `make_impacts` calls it."""
+        """The flight as `fly_or_stick` calls it."""
         if self.zeros is None:
             return FlightInState(self.motions, self._motion)
         return functools.partial(fly_in_time, self._motion)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 Call: TypeAlias = Callable[[Array, Array, Array], int]
 """Compiled code for a batch: guards, turns and outcomes; phases, section coordinates and the speeds
-beyond which motions run away; and limits, as of `make_impacts`, motion after motion."""
+beyond which motions run away; and limits, as of `make_flights`, motion after motion."""
 
 
 class OutsideError(InputError):
@@ -325,6 +325,8 @@ class Body(NamedTuple):
     1,)."""
     longest: Vector
     """Periods after which a flight is given up, shape (1,)."""
+    sizes: Vector
+    """Coordinates, 1, and the size of X, 0, as of `FLIGHTS`."""
 
 
 def wrap_time(time: float, period: float) -> tuple[float, int]:
@@ -456,71 +458,42 @@ def coefficient(motion: Callable[..., Any], wall: int, fastest: float) -> float:
     return abs(float(motion((wall, 0.0, low), 0.0)[1])) / low
 
 
-DONE, RESTING, NO_IMPACT, RUNAWAY, _, BEYOND, UNDEFINED, LEFT = range(8)
+DONE, RESTING, NO_IMPACT, RUNAWAY, _, BEYOND, UNDEFINED, LEFT, RELEASED = range(9)
 """Why a run ended: numbers of `contimpact.simulation.run.Outcome`; or the next flight is left to
-the `automaton`."""
+the `automaton`; or, of a flight, that there was none: the body stuck, and is released."""
 
 CALM = 1e-4
 """A motion whose law ceases to have a value while it is slower than this part of the speed beyond
 which it runs away has come to where there is none."""
 
 
-def make_impacts(
+def fly_or_stick(
     fly: Callable[..., Any],
     motion: Callable[..., Any],
     body: Body,
-    state: Any,
-    when: Any,
-    walls: Any,
-    turns: Any,
-    phases: Any,
-    velocities: Any,
-    released: Any,
-    span: Any,
-) -> int:
-    """Simulate from impact to impact; ``fly(body, wall, phase, velocity)`` is as `fly_in_time`.
-
-    `state` (wall, turns) and `when` (phase, velocity) are kept up to date; they also have the
-    number of the outcome, filled in, and the speed beyond which the motion runs away. The vectors
-    of rows are filled with a number for each impact or release; of shape (0,) if none are kept.
-    `span` has the rows to make at most, and the turns at which to stop.
-    """
-    period, kept = body.clock[0], len(walls) > 0
-    wall, turn, phase, velocity, fastest = state[0], state[1], when[0], when[1], when[2]
-    most, last, made, outcome = span[0], span[1], 0, DONE
-    while made < most and turn < last:
-        if not abs(velocity) <= fastest:
-            outcome = RUNAWAY
-            break
-        rest, leaves = math.nan, 0
-        if abs(velocity) <= body.slow[wall]:
-            rest = rest_after(motion, body, wall, phase, velocity)
-        if rest == rest:  # chatter has come to its end
-            phase, passed = wrap_time(phase + rest, period)
-            turn += passed
-            phase, passed = release_after(body, wall, phase)
-            if passed < 0:
-                outcome = RESTING
-                break
-            velocity, leaves = 0.0, 1
-        else:
-            side, dt, speed = fly(body, wall, phase, velocity)
-            if side == 0:
-                outcome = NO_IMPACT if abs(speed) <= fastest else RUNAWAY
-                if dt != dt:
-                    outcome = UNDEFINED if abs(speed) <= CALM * fastest else RUNAWAY
-                break
-            wall = wall_on(body, wall, side)
-            velocity = speed
-            phase, passed = wrap_time(phase + dt, period)
-        turn += passed
-        if kept:
-            walls[made], turns[made], released[made] = wall, turn, leaves
-            phases[made], velocities[made] = phase, velocity
-        made += 1
-    state[0], state[1], state[2] = wall, turn, outcome
-    when[0], when[1] = phase, velocity
-    return made
+    wall: int,
+    phase: float,
+    space: Vector,
+) -> tuple[int, int, float, int]:
+    """Make one flight, or complete chatter, as the ``fly`` of `make_flights`; the one given is as
+    `fly_in_time`. Scratch space has the velocity and the speed beyond which motion runs away."""
+    velocity, fastest, rest = space[0], space[1], math.nan
+    if abs(velocity) <= body.slow[wall]:
+        rest = rest_after(motion, body, wall, phase, velocity)
+    if rest == rest:  # chatter has come to its end
+        phase, passed = wrap_time(phase + rest, body.clock[0])
+        phase, more = release_after(body, wall, phase)
+        if more < 0:
+            return RESTING, wall, phase, passed
+        space[0] = 0.0
+        return RELEASED, wall, phase, passed + more
+    side, dt, speed = fly(body, wall, phase, velocity)
+    if side != 0:
+        space[0] = speed
+        return DONE, wall_on(body, wall, side), phase + dt, 0
+    if dt == dt:
+        return NO_IMPACT if abs(speed) <= fastest else RUNAWAY, wall, phase, 0
+    return UNDEFINED if abs(speed) <= CALM * fastest else RUNAWAY, wall, phase, 0
 
 
 # Flights of any number of coordinates from impact to impact: what they have in common.
@@ -712,12 +685,20 @@ def make_flights(
     turns: Any,
     phases: Any,
     sections: Any,
+    released: Any,
     span: Any,
 ) -> int:
-    """Simulate from impact to impact; returns how many there were.
+    """Simulate from impact to impact; returns how many rows there are.
 
-    ``fly(flights, wall, phase, space)`` makes one flight, as `fly_linear`. The other arguments are
-    as in `run.make_impacts`, with 2 d - 1 section coordinates in place of the velocity.
+    ``fly(flights, wall, phase, space)`` makes one flight, from the section coordinates before an
+    impact to those before the next. It returns `DONE` or another outcome, the guard that ends it,
+    the phase, which may be beyond the period, and periods passed besides.
+
+    `state` (wall, turns) and `when` (phase, 2 d - 1 section coordinates) are kept up to date; they
+    also have the number of the outcome, filled in, and the speed beyond which the motion runs away.
+    The vectors of rows are filled with a number for each impact or release, and each of its section
+    coordinates; of shape (0,) if none are kept. `span` has the rows to make at most, and the turns
+    at which to stop.
     """
     size = 2 * flights.sizes[0] - 1
     at, period, kept = section_place(flights), flights.clock[0], len(walls) > 0
@@ -735,19 +716,18 @@ def make_flights(
         if not speed <= fastest:
             outcome = RUNAWAY
             break
-        if abs(space[at]) <= flights.slow[wall]:
-            outcome = LEFT
+        outcome, wall, phase, passed = fly(flights, wall, phase, space)
+        turn += passed
+        if outcome != DONE and outcome != RELEASED:
             break
-        outcome, wall, dt = fly(flights, wall, phase, space)
-        if outcome != DONE:
-            break
-        phase, passed = wrap_time(phase + dt, period)
+        phase, passed = wrap_time(phase, period)
         turn += passed
         if kept:
             walls[made], turns[made], phases[made] = wall, turn, phase
+            released[made] = 1 if outcome == RELEASED else 0
             for j in range(size):
                 sections[made * size + j] = space[at + j]
-        made += 1
+        made, outcome = made + 1, DONE
     if outcome == DONE:
         for j in range(size):
             when[1 + j] = space[at + j]
@@ -811,17 +791,17 @@ FEW = 1024
 LONG = 4096
 """Periods after which a flight is left to plain Python, where an interruption is noticed."""
 
-COLUMNS = INTEGERS * 2 + VECTOR * 2
+COLUMNS = INTEGERS * 2 + VECTOR * 2 + INTEGERS
 """Kinds of the columns that `make_flights` fills."""
 
 ENTRY = """
-def entry({fields}, space, state, when, walls, turns, phases, sections, span):
+def entry({fields}, space, state, when, walls, turns, phases, sections, released, span):
     flights = {kind}({fields})
     made, size = 0, 2 * sizes[0] + 1
     for k in range(len(state) // 3):
         made += make_flights(
             fly, flights, space, state[3 * k : 3 * k + 3], when[size * k : size * k + size],
-            walls, turns, phases, sections, span[2 * k : 2 * k + 2]
+            walls, turns, phases, sections, released, span[2 * k : 2 * k + 2]
         )
     return made
 """
@@ -914,8 +894,6 @@ class Runs(ABC):
     engine: Engine
     size: int
     """Section coordinates."""
-    columns: ClassVar[str] = COLUMNS
-    """Kinds of the columns that are filled."""
     dear: ClassVar[bool] = False
     """Whether flights take long: fewer are made at once, so that interruptions come through."""
 
@@ -959,8 +937,7 @@ class Runs(ABC):
 
     def empty(self, fast: bool, rows: int) -> list[Any]:
         """Return columns to be filled, of so many rows."""
-        sizes = [rows * self.size if place == 3 else rows for place in range(len(self.columns))]
-        pairs = zip(sizes, self.columns, strict=True)
+        pairs = zip((rows, rows, rows, rows * self.size, rows), COLUMNS, strict=True)
         return [np.empty(size, DTYPES[kind]) if fast else [0] * size for size, kind in pairs]
 
     def batch(self, asked: int) -> Call | None:
@@ -973,9 +950,7 @@ class Runs(ABC):
 
     def _columns(self, columns: Sequence[Any], made: int) -> list[Any]:
         """The columns of so many rows, as `join_parts` takes them."""
-        walls, turns, phases, found, *released = columns
+        walls, turns, phases, found, released = columns
         sections = np.asarray(found[: made * self.size], float).reshape(made, self.size)
-        none = np.zeros(made, np.int64)
-        left = released[0][:made] if released else none
-        kept = walls[:made], turns[:made], phases[:made]
-        return [*kept, sections[:, 0], left, sections[:, 1:], none]
+        kept, none = (walls[:made], turns[:made], phases[:made]), np.zeros(made, np.int64)
+        return [*kept, sections[:, 0], released[:made], sections[:, 1:], none]

@@ -760,7 +760,8 @@ def test_the_program_holds_all_it_calls(pair, simulator_of):
     namespace = {}
     exec(one_coordinate.program_of(simulator.machine.motions).text, namespace)
     at, when, rows = [0, 0, 0], [0.25, 0.5, math.inf], [[0] * 200 for _ in COLUMNS]
-    assert namespace["entry"](*simulator.machine.body, at, when, *rows, (200, 10**9)) == 200
+    given = *simulator.machine.body, [0.0] * 2, at, when, *rows
+    assert namespace["entry"](*given, (200, 10**9)) == 200
     run = simulator.run(State(0, 0.25, 0.5), impacts=200)
     assert run.released.any()
     for name, column in zip(COLUMNS, rows, strict=True):
