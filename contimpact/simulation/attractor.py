@@ -344,7 +344,7 @@ def solve_cycle(simulator: Simulator, state: State, impacts: int, period: int) -
         if size < CLOSED or (size >= 0.5 * best and size < ROUNDED):
             mus = _multipliers(simulator, rows)
             return _cycle_of_states(run, rows[:-1], period, mus, size)
-        step = _newton_step(simulator, rows, miss)
+        step = _newton_step(simulator.derivatives(rows), miss)
         if size > 10.0 * best or step is None:
             return None
         best = min(best, size)
@@ -366,14 +366,15 @@ def natural_sizes(sections: Any, period: float) -> Array:
     return sizes
 
 
-def _newton_step(simulator: Simulator, rows: Sequence[State], miss: Array) -> list[float] | None:
-    """Solve (M - I) step = -miss, with M the product of all derivatives."""
-    derivatives = simulator.derivatives(rows)
+def _newton_step(derivatives: Array, miss: Array, times: int = 1) -> list[float] | None:
+    """Solve (M - I) step = -miss, with M the product of all derivatives, taken so many times."""
     product = unit = np.eye(len(miss))
     if not np.all(np.isfinite(derivatives)):
         return None
-    for derivative in derivatives:
-        product = derivative @ product
+    with np.errstate(over="ignore", invalid="ignore"):
+        for derivative in derivatives:
+            product = derivative @ product
+        product = np.linalg.matrix_power(product, times)
     try:
         step = np.linalg.solve(product - unit, -miss)
     except np.linalg.LinAlgError:
@@ -426,14 +427,8 @@ class Unstable:
         off[0] -= run.period * round(off[0] / run.period)
         miss = table[last] - table[first]
         miss[0] = run.times[last] - run.times[first] - times * cycle.period * run.period
-        product = unit = np.eye(len(sizes))
-        with np.errstate(over="ignore", invalid="ignore"):
-            for derivative in np.roll(self.derivatives, -k, axis=0):
-                product = derivative @ product
-            product = np.linalg.matrix_power(product, times)
-        try:
-            step = np.linalg.solve(product - unit, -miss)
-        except np.linalg.LinAlgError:
+        step = _newton_step(np.roll(self.derivatives, -k, axis=0), miss, times)
+        if step is None:
             return False
         before, after = (np.max(np.abs(d) / sizes) for d in (off, off + step))
         return bool(after < LINEAR * before)

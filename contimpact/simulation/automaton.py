@@ -590,22 +590,20 @@ class Automaton:
                     break
                 seen, before = made, state
             if self._runs is not None and not (state.held or state.released):
-                if self._through.pairs:  # which of two guards is met is told after each flight
-                    given = (1, last), asked, False, fastest
-                    state, why, count, _ = self._runs.make(state, *given)
+                alone = bool(self._through.pairs)  # which guard is met is told after each flight
+                given = (1 if alone else most - made, last), asked, record and not alone, fastest
+                state, why, count, columns = self._runs.make(state, *given)
+                made += count
+                if alone:
                     state = self._through(state)
                     rows += [state] * count if record else []
                 else:
-                    parts.append(columns_of(rows))
-                    given = (most - made, last), asked, record, fastest
-                    state, why, count, columns = self._runs.make(state, *given)
-                    parts.append(columns)
+                    parts += [columns_of(rows), columns]
                     rows = []
-                made += count
+                outcome = why or Outcome.DONE
+                if outcome is not Outcome.DONE:
+                    break
                 if why is not None:
-                    outcome = why
-                    if outcome is not Outcome.DONE:
-                        break
                     continue
             with timed_plainly(self._runs.engine.identity if self._runs else ()):
                 slow = state.speed <= fastest
@@ -696,8 +694,7 @@ class Automaton:
 
 def _segment_jacobian(automaton: Automaton, before: State, after: State) -> Array:
     names = [automaton.guards[state.wall].name for state in (before, after)]
-    start = (before.phase, *before.section)
-    end = (before.phase + after.since(before, automaton.period), *after.section)
+    start, end = before.flight_to(after, automaton.period)
     segment = automaton.kernels.segment(names[0], names[1])
     _, leaving, arriving, _ = segment.blocks(start, end, automaton.values)
     m = len(start)
@@ -715,13 +712,7 @@ AT_ONCE = 1024
 def _segment_jacobians(automaton: Automaton, pairs: Sequence[tuple[State, State]]) -> Array:
     """The same of many flights between the same guards."""
     names = [automaton.guards[state.wall].name for state in pairs[0]]
-    rows = [
-        (
-            (before.phase, *before.section),
-            (before.phase + after.since(before, automaton.period), *after.section),
-        )
-        for before, after in pairs
-    ]
+    rows = [before.flight_to(after, automaton.period) for before, after in pairs]
     start, end = np.array(rows).transpose(1, 2, 0)
     m, count = start.shape
     blocks = automaton.kernels.segment(*names).over(ARRAYS)

@@ -89,6 +89,12 @@ class State:
         """Return the time from an earlier state to this one."""
         return (self.turns - earlier.turns) * period + self.phase - earlier.phase
 
+    def flight_to(self, later: State, period: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Return the unknowns of the flight to a later state, from the start of this one's period:
+        those where it leaves, and those where it arrives."""
+        end = self.phase + later.since(self, period)
+        return (self.phase, *self.section), (end, *later.section)
+
     def within(self, period: float) -> State:
         """Return the same with a phase in [0, T) and as many more turns as it had."""
         phase, passed = wrap_time(self.phase, period)

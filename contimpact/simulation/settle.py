@@ -159,10 +159,9 @@ def _impact_determinant(simulator: Simulator, before: State) -> float:
 def _blocks(simulator: Simulator, before: State, after: State) -> tuple[Array, Array, Array, Array]:
     """The blocks A and B of a flight, and the bounds of their errors."""
     letters, m = simulator.letters, simulator.model.unknowns_per_impact
-    start = (before.phase, *before.section)
-    end = (before.phase + after.since(before, simulator.period), *after.section)
+    ends = before.flight_to(after, simulator.period)
     segment = simulator.kernels.segment(letters[before.wall], letters[after.wall])
-    (_, a, b, _), (_, off_a, off_b, _) = bounds_of(segment, start, end, simulator.values)
+    (_, a, b, _), (_, off_a, off_b, _) = bounds_of(segment, *ends, simulator.values)
     found = [np.array(block, dtype=float).reshape(m, m) for block in (a, b, off_a, off_b)]
     return found[0], found[1], found[2], found[3]
 
@@ -260,7 +259,9 @@ def exponents_of(simulator: Simulator, state: State, run: Run) -> Exponents:
         before = after
     count = len(first)
     pair = (_mean(first), _mean(second))
-    return Exponents(pair, _scatter(first), _restitution(simulator, run), count, periods, run.end)
+    return Exponents(
+        pair, _scatter(first), _mean(_restitutions(simulator, run.walls)), count, periods, run.end
+    )
 
 
 def _exponents_by_qr(simulator: Simulator, state: State, run: Run, periods: float) -> Exponents:
@@ -284,7 +285,7 @@ def _exponents_by_qr(simulator: Simulator, state: State, run: Run, periods: floa
     known = sorted((mean for mean in means if not math.isnan(mean)), reverse=True)
     per_impact = (*known, *[math.nan] * (m - len(known)))
     scatter = _scatter(table[:, 0].tolist())
-    restitution = _restitution(simulator, run)
+    restitution = _mean(_restitutions(simulator, run.walls))
     return Exponents(per_impact, scatter, restitution, len(table), periods, run.end)
 
 
@@ -319,10 +320,10 @@ def _mean(values: list[float]) -> float:
     return -math.inf if -math.inf in values else math.fsum(values) / len(values)
 
 
-def _restitution(simulator: Simulator, run: Run) -> float:
-    """Mean of ln r^2 over the impacts of a run."""
+def _restitutions(simulator: Simulator, walls: Array) -> list[float]:
+    """ln r^2 of impacts on walls."""
     logs = [2.0 * math.log(e) if e else -math.inf for e in simulator.restitution]
-    return _mean([logs[wall] for wall in run.walls.tolist()])
+    return [logs[wall] for wall in walls.tolist()]
 
 
 def _time(simulator: Simulator, state: State | None) -> float:
@@ -443,7 +444,6 @@ def periodic(
     word = _sticking_word(simulator, cycle) if sticks else _letters(simulator, cycle.walls)
     count, smallest = len(cycle.walls), math.nan
     found = contraction_of(simulator, cycle)
-    logs = [2.0 * math.log(e) if e else -math.inf for e in simulator.restitution]
     if sticks:
         notation = _sticking_notation(simulator, cycle)
     else:
@@ -459,7 +459,7 @@ def periodic(
         exponents=found.exponents,
         error=found.error,
         exponent_sum=found.total,
-        restitution=math.nan if sticks else float(np.mean([logs[wall] for wall in cycle.walls])),
+        restitution=math.nan if sticks else float(np.mean(_restitutions(simulator, cycle.walls))),
         per_period=found.exponents[0] * count / cycle.period,
         rate=math.inf if sticks else count / cycle.period,
         smallest_gap=smallest,
