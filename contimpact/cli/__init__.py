@@ -186,7 +186,6 @@ def parser() -> argparse.ArgumentParser:
         "folder to write to; with several scenes, each has a folder of its name in it",
         required=True,
     )
-    argument(run, "-q --quiet", "print nothing but errors")
     argument(run, "--ghosts", "list the events that are ghosts, not only count them")
     argument(run, "--no-plot", "leave the diagram out")
     argument(run, "--html", "also write the page diagram.html")
@@ -194,7 +193,6 @@ def parser() -> argparse.ArgumentParser:
     simulate = add("simulate", "run.simulate", "simulate a scene's attractors")
     argument(simulate, "scene SCENE", "a scene file (TOML) with [simulate]")
     argument(simulate, "-o --output DIR", "folder to write to", required=True)
-    argument(simulate, "-q --quiet", "print nothing but errors")
     argument(simulate, "--no-plot", "leave pictures out")
     argument(simulate, "--html", "also write the page diagram.html")
     argument(simulate, "--resume", "continue what an interrupted run has left in DIR")
@@ -203,14 +201,12 @@ def parser() -> argparse.ArgumentParser:
     argument(report, "scene SCENE", "a scene file (TOML)")
     argument(report, "-o --output DIR", "folder to write to", required=True)
     argument(report, "-n --repetitions N", "of each timing (default 5)", type=int, default=5)
-    argument(report, "-q --quiet", "print nothing but errors")
     argument(report, "--no-plot", "leave the plots out")
 
     certify = add("certify", "folders.certify", "prove what a catalogue says")
     argument(certify, "target SCENE|DIR", "a scene file (TOML) to run first, or a folder")
     argument(certify, "-o --output DIR", "folder to write to, with a scene")
     argument(certify, "--verify", "repeat the proofs that are stored in DIR")
-    argument(certify, "-q --quiet", "print nothing but errors")
     argument(certify, "--no-plot", "leave the diagram out")
 
     merge = add("catalogue", "folders.catalogue", "merge the catalogues of several folders")
@@ -224,7 +220,6 @@ def parser() -> argparse.ArgumentParser:
     argument(study, "--scheduler ADDRESS", "compute on a Dask scheduler's workers")
     argument(study, "--mpi", "compute on the processes of an MPI run")
     argument(study, "--again", "try scenes again that have failed")
-    argument(study, "-q --quiet", "print nothing but errors")
 
     export = add("export", "study.export", "write the tables of a store as files")
     argument(export, "store STORE", "a store written by study")
@@ -240,7 +235,6 @@ def parser() -> argparse.ArgumentParser:
     argument(export, "--table NAME", "these tables alone", action="append")
     argument(export, "--columns A,B,...", "these columns alone", type=lambda text: text.split(","))
     argument(export, "--digits N", "significant digits (default all)", type=int)
-    argument(export, "-q --quiet", "print nothing but errors")
 
     atlas = add("atlas", "study.atlas", "draw maps of studies over two of their axes")
     argument(atlas, "store STORE", "a store written by study")
@@ -258,7 +252,6 @@ def parser() -> argparse.ArgumentParser:
         choices=("png", "svg", "pdf"),
     )
     argument(atlas, "--no-plot", "write the tables alone")
-    argument(atlas, "-q --quiet", "print nothing but errors")
 
     plot = add("plot", "folders.plot", "draw a folder's diagram, with its attractors")
     argument(plot, "folder DIR", "folder written by run or simulate")
@@ -283,7 +276,6 @@ def parser() -> argparse.ArgumentParser:
         default=[],
     )
     argument(range_, "-o --output FILE", "file to write as a table (csv)")
-    argument(range_, "-q --quiet", "print nothing but errors")
 
     fit = add("fit", "scenes.fit", "estimate parameters from measured impacts")
     argument(fit, "scene SCENE", "a scene file (TOML) with starting values")
@@ -299,15 +291,15 @@ def parser() -> argparse.ArgumentParser:
     )
     argument(fit, "--no-clock", "times are those of the model's clock")
     argument(fit, "-o --output FILE", "picture of the residuals to write")
-    argument(fit, "-q --quiet", "print nothing but errors")
 
     design = add("design", "scenes.design", "maximise an output at a margin from bifurcations")
     argument(design, "scene SCENE", "a scene file (TOML) with [design]")
     argument(design, "-o --output FILE", "file to write as a table (csv)")
-    argument(design, "-q --quiet", "print nothing but errors")
 
     completion = add("completion", "completion.completion", "print the completion of a shell")
     argument(completion, "shell", "the shell", choices=["bash", "zsh", "fish"])
+    for command in (run, simulate, report, certify, study, export, atlas, range_, fit, design):
+        argument(command, "-q --quiet", "print nothing but errors")
     for command in (check, run, simulate, report, plot, range_, fit, design):
         argument(
             command,
