@@ -20,7 +20,7 @@ Krawczyk's test for all a at once proves a curve of doubled orbits that leaves t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -30,10 +30,19 @@ import numpy as np
 from flint import arb, arb_mat, arb_series, ctx
 
 from ..arrays import Array
-from ..bifurcations.equations import residuals_of
+from ..bifurcations.equations import cyclic_matrix, residuals_of
 from ..models.guards import Word
 from ..orbits.problem import OrbitProblem
-from .equations import BallProblem, Balls, Flight, column, krawczyk, preconditioner
+from .equations import (
+    BallProblem,
+    Balls,
+    Flight,
+    column,
+    identity,
+    inverse_of,
+    krawczyk,
+    preconditioner,
+)
 from .tube import Node, Segment, Tube, balls_around_zero, bound_in, coefficient, range_of, round_up
 
 ROOM = 2.0
@@ -145,18 +154,16 @@ def _birth(segment: Segment) -> Birth | None:
     center = np.concatenate([start, null])
     end = BEYOND * float(halves(once, far, null)[2].mid())
     thin = _Expansion(once, [arb(c) for c in center.tolist()], null, end)
-    inverse = np.linalg.inv(
-        np.array([[float(x.mid()) for x in row] for row in thin.jacobian.tolist()])
-    )
-    matrix = arb_mat(inverse.tolist())
+    matrix = inverse_of(thin.jacobian)
+    if matrix is None:
+        return None
     offset = range_of([matrix * thin.values])
     half = ROOM * offset + FLOOR
     for _ in range(3):
         balls = [arb(c) + w for c, w in zip(center.tolist(), balls_around_zero(half), strict=True)]
         wide = _Expansion(once, balls, null, end)
         size = len(half)
-        identity = arb_mat([[int(i == j) for j in range(size)] for i in range(size)])
-        defect = range_of([identity - matrix * wide.jacobian]).reshape(size, size)
+        defect = range_of([identity(size) - matrix * wide.jacobian]).reshape(size, size)
         image = round_up(offset + round_up(defect @ half))
         if (image < half).all():
             # the derivative of the curve by A: J y = -dH/dA
@@ -224,44 +231,19 @@ class _Expansion:
         which the even and the odd parts are taken: E_s and O_e are those of M and M', even;
         O_s is that of M, odd; E_e is A times that of M', odd.
         """
-        plus, minus = (self._cyclic(sign) for sign in (1, -1))
-        free = [
-            (a, b)
-            for one, other in zip(self.near, self.over, strict=True)
-            for a, b in zip(one[3], other[3], strict=True)
-        ]
-        rows = [
-            [
-                *(self._even(*p) for p in plus[i]),
-                self._even(*free[i]),
-                *(self.square * self._odd(*p) for p in minus[i]),
-            ]
-            for i in range(self.n)
-        ]
-        rows += [
-            [
-                *(self._odd(*p) for p in plus[i]),
-                self._odd(*free[i]),
-                *(self._even(*p) for p in minus[i]),
-            ]
-            for i in range(self.n)
-        ]
-        return arb_mat([*rows, [arb(0)] * (self.n + 1) + self.row])
+        both = self.near, self.over
+        whole = [self.once.jacobian(flights) for flights in both]
+        turned = [cyclic_matrix(flights, -1, arb(0)) for flights in both]
 
-    def _cyclic(self, sign: int) -> list[list[tuple[Any, Any]]]:
-        """The cyclic matrix around a = 0 and around any a, its last coupling with a sign."""
-        m = self.once.problem.m
-        found = []
-        for k, (one, other) in enumerate(zip(self.near, self.over, strict=True)):
-            own = sign if k == len(self.near) - 1 else 1
-            for r in range(m):
-                row: list[tuple[Any, Any]] = [(arb(0), arb(0))] * self.n
-                for c in range(m):
-                    i, j, at = m * k + c, (m * k + m + c) % self.n, m * r + c
-                    row[i] = (row[i][0] + one[1][at], row[i][1] + other[1][at])
-                    row[j] = (row[j][0] + own * one[2][at], row[j][1] + own * other[2][at])
-                found.append(row)
-        return found
+        def each(part: Callable[[Any, Any], Any], tables: list[Any]) -> list[list[Any]]:
+            rows = zip(*tables, strict=True)
+            return [[part(*pair) for pair in zip(*row, strict=True)] for row in rows]
+
+        even = zip(each(self._even, whole), each(self._odd, turned), strict=True)
+        odd = zip(each(self._odd, whole), each(self._even, turned), strict=True)
+        rows = [[*by_s, *(self.square * x for x in by_e)] for by_s, by_e in even]
+        rows += [[*by_s, *by_e] for by_s, by_e in odd]
+        return arb_mat([*rows, [arb(0)] * (self.n + 1) + self.row])
 
 
 # Where tubes end: neighbours have to hold the same orbit at their common node.

@@ -160,7 +160,7 @@ def krawczyk(
         return None
     offset = column([b - m for b, m in zip(box, middle, strict=True)])
     jacobian = space.linearised(system, box) if jacobian is None else jacobian
-    defect = _identity(len(box)) - inverse * jacobian
+    defect = identity(len(box)) - inverse * jacobian
     change = (defect * offset - inverse * column(system(middle))).entries()
     image = [m + c for m, c in zip(middle, change, strict=True)]
     inside = (b.contains_interior(i) for b, i in zip(box, image, strict=True))
@@ -171,8 +171,8 @@ def column(values: Sequence[Any]) -> Any:
     return arb_mat([[value] for value in values])
 
 
-def _identity(size: int) -> Any:
-    return arb_mat([[int(i == j) for j in range(size)] for i in range(size)])
+def identity(size: int) -> Any:
+    return arb_mat(np.eye(size, dtype=int).tolist())
 
 
 def prove_zero(

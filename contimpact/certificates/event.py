@@ -344,8 +344,7 @@ def _check_statements(entry: Entry, orbit: Orbit, here: Linearisation) -> None:
     ghost = entry.n_unstable > 0 or not entry.physical
     _require_recorded("stable", entry.stable, entry.n_unstable == 0)
     _require_recorded("ghost", entry.ghost, ghost)
-    letters = [wall.name for wall in orbit.space.problem.model.WALLS]
-    word = orbit.space.problem.word
+    letters, word = orbit.space.problem.model.letters, orbit.space.problem.word
     notation = word.notation(letters)
     if entry.notation != word.counts(letters):  # as older catalogues have it, whatever the letters
         _require_recorded("notation", entry.notation, notation)

@@ -34,7 +34,7 @@ from ..segments.balls import number, turns
 from ..segments.kernel import SECTION
 from ..segments.segment import ELSEWHERE
 from ..segments.touches import begins_on_surface, coordinates, limits_of
-from .equations import BallProblem, Balls, Flight, images_of, krawczyk, prove_zero
+from .equations import BallProblem, Balls, Flight, identity, images_of, krawczyk, prove_zero
 
 NEARBY = 2.0**-40
 """Half the width, beside its size, of a box in which an orbit and its image are the same."""
@@ -56,13 +56,13 @@ class Limit:
     def margin(self, space: BallProblem, z: Balls) -> Any:
         """Return how far on the right side of the limit the motion begins, or on its surface how
         fast it goes there."""
-        guards, values = space.problem.model.WALLS, space.values(z)
-        place = next(i for i, guard in enumerate(guards) if guard.name == self.wall)
+        model, values = space.problem.model, space.values(z)
         motion = space.motion(self.sliding, self.wall)
         begin, rate, _ = motion(space.impacts(z)[self.impact], arb(0), values)
         on_it = begins_on_surface(space.problem.kernels, self.sliding, self.wall)
-        gap = -rate if on_it else space.setup(values).walls[place] - begin
-        return self.sign * guards[place].side * gap
+        places = space.setup(values).walls
+        gap = -rate if on_it else places[model.letters.index(self.wall)] - begin
+        return self.sign * model.guard(self.wall).side * gap
 
 
 def limits(problem: OrbitProblem) -> list[Limit]:
@@ -187,7 +187,7 @@ def _merged_remains(problem: OrbitProblem, flight: int) -> Remains | None:
 def takes_no_time(space: BallProblem, z: Balls, flight: int) -> bool:
     """Return whether a flight with an impact at rest is proven to take no time."""
     problem = space.problem
-    word, letters = problem.word.walls, [guard.name for guard in problem.model.WALLS]
+    word, letters = problem.word.walls, problem.model.letters
     ends = word[flight], word[(flight + 1) % len(word)]
     left, reached = map(letters.index, ends)
     start, end = (space.impacts(z)[flight + i] for i in (0, 1))
@@ -211,7 +211,7 @@ def stops_at_once(space: BallProblem, z: Balls, flight: int) -> bool:
     """
     problem = space.problem
     ends = [problem.word.walls[k % len(problem.word)] for k in (flight, flight + 1)]
-    left, reached = ([g.name for g in problem.model.WALLS].index(end) for end in ends)
+    left, reached = map(problem.model.letters.index, ends)
     passages, start = problem.kernels.passages, space.impacts(z)[flight]
     if not (passages.onto and passages.onto[left][reached]) or not start[1].contains(0):
         return False
@@ -373,9 +373,8 @@ class Orbit:
         orbit without flights of no duration does not have."""
         problem = self.space.problem
         aside = {*self.at_rest, *(self._remains.dropped if self._remains else ())}
-        sides = {wall.name: wall.side for wall in problem.model.WALLS}
         return [
-            (k, sides[wall] * self.z[problem.m * k + 1])
+            (k, problem.model.guard(wall).side * self.z[problem.m * k + 1])
             for k, wall in enumerate(problem.word.walls)
             if k not in aside
         ]
@@ -460,8 +459,7 @@ class Orbit:
         if not word:
             return False, False
         before, behind = (flight - 1) % len(word), (flight + 1) % len(word)
-        guards = self.space.problem.model.WALLS
-        left = next(guard for guard in guards if guard.name == word[before])
+        left = self.space.problem.model.guard(word[before])
         return (
             self._vanishing(before) and wall in (left.name, left.past),
             self._vanishing(behind) and word[(behind + 1) % len(word)] == wall,
@@ -522,7 +520,7 @@ def multipliers(flights: Sequence[Flight]) -> list[Any]:
     zero.
     """
     m = len(flights[0][0])
-    total = arb_mat([[int(i == j) for j in range(m)] for i in range(m)])
+    total = identity(m)
     for _, start, end, _ in flights:
         total = -(arb_mat(m, m, end).inv() * arb_mat(m, m, start)) * total
     found: list[Any] = acb_mat(total).eig()
@@ -582,8 +580,7 @@ class Coordinate:
 def coordinates_of(space: BallProblem, flight: int) -> list[Coordinate]:
     """Return the gap coordinates of the guards that a flight can meet."""
     problem = space.problem
-    letters = [guard.name for guard in problem.model.WALLS]
-    word = problem.word.walls
+    letters, word = problem.model.letters, problem.word.walls
     if not word:
         mode = problem.model.first_mode
         return [

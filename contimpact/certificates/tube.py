@@ -33,7 +33,7 @@ from ..arrays import Array
 from ..orbits.problem import OrbitProblem
 from ..progress import Progress
 from ..results.branch import Branch, coordinates
-from .equations import BallProblem, Balls, Flight
+from .equations import BallProblem, Balls, Flight, identity
 
 # How long the proof of a branch may take: what is not looked at in that time is said.
 
@@ -334,7 +334,7 @@ class _Test:
             for j in range(order + 1)
         ]
         product = _times(self.inverse, matrices)
-        product[0] -= arb_mat([[int(i == j) for j in range(self.n + 1)] for i in range(self.n + 1)])
+        product[0] -= identity(self.n + 1)
         return range_of(product).reshape(self.n + 1, self.n + 1)
 
     def _rate(self, half: Array, near: list[Flight], over: list[Flight]) -> Array:
