@@ -168,10 +168,9 @@ class Examination:
             for name, kind in own
             if (kind.multiplier in MULTIPLIERS and not kind.crossing) or "touch_time" in kind.needed
         ]
-        self.known = known
-        self.uncertified = uncertified
-        self.budget = budget or Budget()
-        self.found = Findings()
+        self.known, self.uncertified = known, uncertified
+        self.budget, self.found = budget or Budget(), Findings()
+        self.touching = any("touch_time" in kind_of(name).needed for name in self.kinds)
         self.limits = limits(problem)
 
     def account(self, segment: Segment, tube: Tube | None, depth: int = 0) -> None:
@@ -192,7 +191,7 @@ class Examination:
                 birth.turns if mu == 1.0 else not _clear_of_zeros(birth, test_at(birth.segment, mu))
             )
         ]
-        if any("touch_time" in kind_of(kind).needed for kind in self.kinds):
+        if self.touching:
             for flight in range(len(self.space.problem.word)):
                 found = (
                     patch
@@ -256,7 +255,7 @@ class Examination:
                 elif not inside:
                     at = float(tube.state(arb(0.5 * (cell.left + cell.right)))[-1].mid())
                     missing.append(f"a zero of the test function of {name} near {at:.9g}")
-        if any("touch_time" in kind_of(kind).needed for kind in self.kinds):
+        if self.touching:
             self._touches(tube, placed, events, missing, left)
         return events, missing, left
 

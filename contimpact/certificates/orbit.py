@@ -341,22 +341,40 @@ class Orbit:
         """Return whether the orbit is physical but for the event."""
         if why := self.why_unphysical():
             return False, why
-        for k, (row, later) in enumerate(self._pairs()):
-            if not later[0] - row[0] > 0 and not self._vanishing(k):
-                return None, f"flight {k + 1} lasts {(later[0] - row[0]).str(6)}"
-        for k, speed in self._speeds():
-            if not speed > 0:
-                return None, f"impact {k + 1} has the velocity {speed.str(6)} towards its wall"
-        for one, margin in self._margins():
-            if not margin > 0:
-                return (
-                    None,
-                    f"impact {one.impact + 1} is {margin.str(6)} beyond the limit {one.wall}",
-                )
-        return self._clear()
+        open_ones = (text for value, text, _ in self._conditions if not value > 0)
+        text = next(open_ones, None)
+        return self._clear() if text is None else (None, text)
 
-    def _pairs(self) -> list[tuple[Balls, Balls]]:
-        return list(itertools.pairwise(self.space.impacts(self.z)))
+    @functools.cached_property
+    def _conditions(self) -> list[tuple[Any, str, str]]:
+        """What has to be positive on a physical orbit, besides gaps, and what is said where that is
+        open, and where it is negative.
+
+        Left out are flights that take no time at the event, velocities of impacts that are at rest,
+        or that the orbit without such flights does not have, and at the ends of these how far
+        beyond their limits impacts are that lead through a surface on which others slide.
+        """
+        problem, rows = self.space.problem, self.space.impacts(self.z)
+        count = len(problem.word)
+        aside = {*self.at_rest, *(self._remains.dropped if self._remains else ())}
+        found = []
+        for k, (row, later) in enumerate(itertools.pairwise(rows)):
+            if not self._vanishing(k):
+                lasts = f"flight {k + 1} lasts {(later[0] - row[0]).str(6)}"
+                found.append((later[0] - row[0], lasts, lasts))
+        for k, wall in enumerate(problem.word.walls):
+            if k not in aside:
+                speed = problem.model.guard(wall).side * self.z[problem.m * k + 1]
+                slow = f"impact {k + 1} has the velocity {speed.str(6)} towards its wall"
+                found.append((speed, slow, f"impact {k + 1} runs the wrong way"))
+        for one in limits(problem):
+            k = one.impact
+            if one.sign < 0 and not (self._vanishing(k) or self._vanishing((k - 1) % count)):
+                margin = one.margin(self.space, self.z)
+                beyond = f"impact {k + 1} is {margin.str(6)} beyond the limit {one.wall}"
+                slides = f"impact {k + 1} leads through, though {one.sliding} would slide"
+                found.append((margin, beyond, slides))
+        return found
 
     def _vanishing(self, flight: int) -> bool:
         """Whether a flight takes no time at the event."""
@@ -368,41 +386,10 @@ class Orbit:
             return True
         return takes_no_time(self.space, self.z, flight)
 
-    def _speeds(self) -> list[tuple[int, Any]]:
-        """Velocities towards the walls, those of impacts at rest set aside, and of those that the
-        orbit without flights of no duration does not have."""
-        problem = self.space.problem
-        aside = {*self.at_rest, *(self._remains.dropped if self._remains else ())}
-        return [
-            (k, problem.model.guard(wall).side * self.z[problem.m * k + 1])
-            for k, wall in enumerate(problem.word.walls)
-            if k not in aside
-        ]
-
     def why_unphysical(self) -> str:
         """Return why the orbit is proven to be unphysical; nothing where it is not."""
-        for k, (row, later) in enumerate(self._pairs()):
-            if later[0] - row[0] < 0 and not self._vanishing(k):
-                return f"flight {k + 1} lasts {(later[0] - row[0]).str(6)}"
-        for k, speed in self._speeds():
-            if speed < 0:
-                return f"impact {k + 1} runs the wrong way"
-        for one, margin in self._margins():
-            if margin < 0:
-                return f"impact {one.impact + 1} leads through, though {one.sliding} would slide"
-        return self._deepest()
-
-    def _margins(self) -> list[tuple[Limit, Any]]:
-        """How far beyond their limits impacts are that lead through a surface on which others
-        slide, those at the ends of flights that take no time set aside."""
-        problem = self.space.problem
-        beyond = [one for one in limits(problem) if one.sign < 0]
-        count = len(problem.word)
-        return [
-            (one, one.margin(self.space, self.z))
-            for one in beyond
-            if not (self._vanishing(one.impact) or self._vanishing((one.impact - 1) % count))
-        ]
+        broken = (text for value, _, text in self._conditions if value < 0)
+        return next(broken, "") or self._deepest()
 
     def _deepest(self) -> str:
         """Where a flight passes a wall, at the nearest touches that doubles find."""
