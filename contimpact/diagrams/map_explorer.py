@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -288,89 +288,6 @@ def _entry_at(point: CurvePoint, origin: str) -> Entry:
     return entry_of(event, f"{origin} beside", origin, at, at)
 
 
-# What lines across a map ask of its curves: whether they pass an entry, and to start more.
-
-
-class Covering:
-    """The map of one member of the family, as lines cover it."""
-
-    def __init__(self, curves: _CurveExplorer, model: Model, fixed: Mapping[str, float]) -> None:
-        self.map, self.model, self.fixed = curves, model, fixed
-        self.seen: set[str] = set()
-        self.births: dict[tuple[str, int], int] = {}
-
-    def cover(self, word: Word) -> list[Coverage]:
-        """Lay lines for a word of the scene, and say what they met."""
-        own = self.map
-        about = own.scene, self.model, word, own.kernels
-        asked = self.curves, self.covered, self.start, self.further
-        lines = Lines(*about, *asked, own.progress)
-        found = lines.cover(self.fixed)
-        own.evaluations += lines.evaluations
-        return found
-
-    def curves(self) -> list[Curve]:
-        """The curves of the member."""
-        return self.map.of_member(self.fixed)
-
-    def covered(self, entry: Entry) -> bool:
-        """Whether a curve passes through an entry."""
-        kernels = self.map.kernels
-        return any(passes_entry(curve, entry, self.model, kernels) for curve in self.curves())
-
-    def start(self, entry: Entry) -> str:
-        """Follow the curves of the branch through an entry; returns why its own is not there."""
-        own = self.map
-        second = own.options.parameter
-        there = self.model.replace(**{second: entry.parameters[second]})
-        for through in (run_through, run_with):
-            run = through(own.scene, there, entry, own.kernels)
-            own.evaluations += run.problem.kernel_evaluations
-            reraise_interruption(run.ends)
-            own.start_from(run, there, self.fixed)
-            if self.covered(entry):
-                return ""
-        return "no curve through it could be followed"
-
-    def further(self) -> list[Entry]:
-        """Start curves from points of codimension two; returns the entries they started from."""
-        own = self.map
-        ranges = [own.scene.range, own.options.range]
-        entries = {entry.id: entry for branch in own.branches for entry in branch.events}
-        started = []
-        for curve, point in self.points():
-            origin = entries.get(curve.origin)
-            if origin is None:
-                continue
-            about = origin, point, self.model, own.options.kinds, own.pairs, ranges
-            for entry in entries_born(*about):
-                wanted = own.wanted(entry) and self.near_enough(entry, curve)
-                if wanted and not self.covered(entry) and not self.start(entry):
-                    started.append(entry)
-        return started
-
-    def near_enough(self, entry: Entry, curve: Curve) -> bool:
-        """Whether an entry's word is born from one of the scene in as few steps as it reaches."""
-        before = self.births.get((curve.word, curve.period), 0)
-        own = before + ((entry.word, entry.period) != (curve.word, curve.period))
-        reach = self.map.options.reach
-        if own > reach:
-            if not self.covered(entry):
-                name = f"{entry.label} of {entry.notation}"
-                what = "curves not started at points of codimension two"
-                self.map.limits.reached("curves.reach", reach, what, name)
-            return False
-        known = self.births.setdefault((entry.word, entry.period), own)
-        self.births[entry.word, entry.period] = min(known, own)
-        return True
-
-    def points(self) -> list[tuple[Curve, Codim2]]:
-        """The points of codimension two that were not started from yet."""
-        new = [(c, p) for c in self.curves() for p in c.points if p.id not in self.seen]
-        self.seen |= {point.id for _, point in new}
-        return new
-
-
 # A scene's curves: started at the entries of its diagram, for every member of its family.
 
 SEARCHED = 6
@@ -414,16 +331,14 @@ class _CurveExplorer:
         self.branches = list(self.diagram.branches)
         failure = None
         try:
-            for fixed, model, branches in self.members():
+            for member, branches in self.members():
                 for entry in (entry for branch in branches for entry in branch.events):
                     if self.wanted(entry):
-                        self.follow(entry, model, fixed)
-                if options.start:
-                    self.check_member(model, fixed)
-                if options.cover:
-                    covering = Covering(self, model, fixed)
-                    for word in scene.orbits:
-                        self.coverage += covering.cover(word)
+                        member.follow(entry, member.model)
+                for word in scene.orbits if options.start else ():
+                    member.check(word)
+                for word in scene.orbits if options.cover else ():
+                    self.coverage += member.cover(word)
             if not options.cover:
                 self.notes.append(self.uncovered())
             if options.third:
@@ -464,28 +379,28 @@ class _CurveExplorer:
 
     # The family: the scene's orbits carried to each value, and their branches there.
 
-    def members(self) -> Iterator[tuple[dict[str, float], Model, list[Branch]]]:
-        """The family's fixed values, the model there, and the branches there."""
+    def members(self) -> Iterator[tuple[_Member, list[Branch]]]:
+        """The family's members, and the branches of each."""
         scene, family = self.scene, self.options.family
         if family is None:
-            yield {}, scene.model, list(self.diagram.branches)
+            yield _Member(self, {}), list(self.diagram.branches)
             return
         name, values = family
         carried = [self.carry(branch, name, values) for branch in self.diagram.branches]
         own = [b for b in self.diagram.branches if orbit_at_start(b, self.scene) is not None]
         for value in values:
-            model = scene.model.replace(**{name: value})
+            member = _Member(self, {name: value})
             if value == scene.model.values[name]:
-                yield {name: value}, model, own
+                yield member, own
                 continue
             members = []
             for reached in carried:
                 if value in reached:
                     self.progress(f"{name} = {value:.6g}: branch of {scene.parameter}")
-                    members.append(self.branch_at(model, *reached[value]))
+                    members.append(self.branch_at(member.model, *reached[value]))
                     self.branches.append(members[-1])
                     reraise_interruption(members[-1].ends)
-            yield {name: value}, model, members
+            yield member, members
 
     def carry(
         self, branch: Branch, name: str, values: tuple[float, ...]
@@ -537,45 +452,6 @@ class _CurveExplorer:
         return branch
 
     # The curves.
-
-    def follow(self, entry: Entry, model: Model, fixed: Mapping[str, float]) -> str | None:
-        """Return the curve through an entry, followed unless one of this member passes it already;
-        None if there is none."""
-        options, scene = self.options, self.scene
-        value = entry.parameters[options.parameter]
-        own = self.of_member(fixed)
-        known = next((c.id for c in own if passes_entry(c, entry, model, self.kernels)), None)
-        if known is not None:
-            return known
-        name = f"c{len(self.curves) + 1}"
-        shown = f"curve {name}: {entry.label} in ({scene.parameter}, {options.parameter})"
-        self.progress(shown)
-        wanted = {*options.values, *options.start, scene.model.values[options.parameter], value}
-        callback = counting_callback(shown, options.parameter, self.progress)
-        plane = options.parameter, scene.range, options.range
-        try:
-            curve = follow_curve(
-                entry,
-                model,
-                *plane,
-                name=name,
-                values=sorted(wanted),
-                settings=options.settings,
-                kernels=self.pairs,
-                within=CLOSE if options.areas else None,
-                callback=callback,
-            )
-        except InputError as error:
-            self.notes.append(f"no curve of {entry.id} {entry.label}: {error.found}")
-            return None
-        curve = dataclasses.replace(curve, fixed=dict(fixed))
-        problem = problem_of(model, Word(curve.word, curve.period), self.pairs)
-        same = next((other.id for other in own if same_curve(curve, other, problem)), None)
-        if same is not None:
-            return same
-        self.curves.append(curve)
-        self.end_of(curve)
-        return curve.id
 
     def end_of(self, curve: Curve) -> None:
         """Record a curve that the limit of points ended; let an interruption go on."""
@@ -633,46 +509,100 @@ class _CurveExplorer:
             self.points.append(curve)
             self.end_of(curve)
 
+
+class _Member:
+    """A member of the family: its curves, as entries, runs and lines across the map start them."""
+
+    def __init__(self, explorer: _CurveExplorer, fixed: dict[str, float]) -> None:
+        self.map, self.fixed, self.model = explorer, fixed, explorer.scene.model.replace(**fixed)
+        self.seen: set[str] = set()
+        self.births: dict[tuple[str, int], int] = {}
+
+    def curves(self) -> list[Curve]:
+        """The curves of the member."""
+        return [curve for curve in self.map.curves if dict(curve.fixed) == self.fixed]
+
+    def passing(self, entry: Entry, model: Model) -> str | None:
+        """The curve that passes through an entry, if one does."""
+        passes = (c.id for c in self.curves() if passes_entry(c, entry, model, self.map.kernels))
+        return next(passes, None)
+
+    def follow(self, entry: Entry, model: Model) -> str | None:
+        """Return the curve through an entry, followed unless one of this member passes it already;
+        None if there is none."""
+        own, options, scene = self.map, self.map.options, self.map.scene
+        value = entry.parameters[options.parameter]
+        if (known := self.passing(entry, model)) is not None:
+            return known
+        name = f"c{len(own.curves) + 1}"
+        shown = f"curve {name}: {entry.label} in ({scene.parameter}, {options.parameter})"
+        own.progress(shown)
+        wanted = {*options.values, *options.start, scene.model.values[options.parameter], value}
+        callback = counting_callback(shown, options.parameter, own.progress)
+        plane = options.parameter, scene.range, options.range
+        try:
+            curve = follow_curve(
+                entry,
+                model,
+                *plane,
+                name=name,
+                values=sorted(wanted),
+                settings=options.settings,
+                kernels=own.pairs,
+                within=CLOSE if options.areas else None,
+                callback=callback,
+            )
+        except InputError as error:
+            own.notes.append(f"no curve of {entry.id} {entry.label}: {error.found}")
+            return None
+        curve = dataclasses.replace(curve, fixed=self.fixed)
+        problem = problem_of(model, Word(curve.word, curve.period), own.pairs)
+        same = next(
+            (other.id for other in self.curves() if same_curve(curve, other, problem)), None
+        )
+        if same is not None:
+            return same
+        own.curves.append(curve)
+        own.end_of(curve)
+        return curve.id
+
     # One-parameter runs: further curves, and what comes first.
 
-    def check_member(self, model: Model, fixed: Mapping[str, float]) -> None:
+    def check(self, word: Word) -> None:
         """Run at the values asked for, then half way between crossings until runs agree."""
-        for word in self.scene.orbits:
-            done: set[float] = set()
-            wanted = {*self.options.start, model.values[self.options.parameter]}
-            for _ in range(MOST_ROUNDS):
-                for value in sorted(wanted - done):
-                    self.check_at(value, word, model, fixed)
-                done |= wanted
-                wanted = self.unchecked(word, fixed) - done
-                if not wanted:
-                    break
-            else:
-                self.notes.append(
-                    f"{fixed_text(fixed, ', ')}{word}: after {MOST_ROUNDS} rounds of one-parameter "
-                    "runs some ranges are not checked: give more values in curves.start"
-                )
-            self.note_uncovered(word, fixed)
+        own, done, named = self.map, set[float](), f"{fixed_text(self.fixed, ', ')}{word}"
+        wanted = {*own.options.start, self.model.values[own.options.parameter]}
+        for _ in range(MOST_ROUNDS):
+            for value in sorted(wanted - done):
+                self.check_at(value, word)
+            done |= wanted
+            wanted = self.unchecked(word) - done
+            if not wanted:
+                break
+        else:
+            own.notes.append(
+                f"{named}: after {MOST_ROUNDS} rounds of one-parameter runs some ranges are not "
+                "checked: give more values in curves.start"
+            )
+        self.note_uncovered(word)
 
-    def check_at(self, value: float, word: Word, model: Model, fixed: Mapping[str, float]) -> None:
+    def check_at(self, value: float, word: Word) -> None:
         """One run: start curves where none passes, and keep what it says comes first."""
-        scene, second = self.scene, self.options.parameter
-        self.progress(f"{fixed_text(fixed, ', ')}{word}: run at {second} = {value:.6g}")
-        there = model.replace(**{second: value})
+        own, scene, second = self.map, self.map.scene, self.map.options.parameter
+        own.progress(f"{fixed_text(self.fixed, ', ')}{word}: run at {second} = {value:.6g}")
+        there = self.model.replace(**{second: value})
         low, high = scene.range
         spaced = np.geomspace if low > 0.0 else np.linspace
         searched = [scene.start, *spaced(low, high, SEARCHED + 2)[1:-1].tolist()]
-        runs = run_along(scene, there, word, self.kernels, scene.range, searched)
-        met = [self.start_from(run, there, fixed) for run in runs]
-        self.evaluations += runs[0].problem.kernel_evaluations if runs else 0
-        along = self.along(fixed)
-        first = first_bifurcation(
-            [entry for one in met for entry, _ in one], self.options.kinds, along
-        )
+        runs = run_along(scene, there, word, own.kernels, scene.range, searched)
+        met = [self.start_from(run, there) for run in runs]
+        own.evaluations += runs[0].problem.kernel_evaluations if runs else 0
+        along, kinds = self.along(), own.options.kinds
+        first = first_bifurcation([entry for one in met for entry, _ in one], kinds, along)
         orbits = [self.checked(one, along) for one in met]
         notation = word.notation(scene.model.letters)
-        about = dict(fixed), word.walls, word.period, notation, second, value
-        self.checks.append(
+        about = self.fixed, word.walls, word.period, notation, second, value
+        own.checks.append(
             Check(*about, first.label if first else None, [o for o in orbits if o.curves])
         )
 
@@ -682,30 +612,29 @@ class _CurveExplorer:
         for entry, curve in met:
             if curve is not None and not entry.ghost:
                 curves.setdefault(curve, []).append(entry.parameters[along])
-        first = first_bifurcation([entry for entry, _ in met], self.options.kinds, along)
+        first = first_bifurcation([entry for entry, _ in met], self.map.options.kinds, along)
         on = next((curve for entry, curve in met if entry is first and curve), "")
         return CheckedOrbit(first.label if first else "", on, curves)
 
-    def start_from(
-        self, run: Run, model: Model, fixed: Mapping[str, float]
-    ) -> list[tuple[Entry, str | None]]:
+    def start_from(self, run: Run, model: Model) -> list[tuple[Entry, str | None]]:
         """Follow curves from entries of a run that lie on none, and keep its branch if there are.
 
         Returns all its entries, and the curve on which each lies.
         """
-        offset, before = sum(len(branch.events) for branch in self.branches), len(self.curves)
-        branch = run.branch(f"b{len(self.branches) + 1}", None, offset + 1, self.scene.events)
-        met = [(e, self.follow(e, model, fixed) if self.wanted(e) else None) for e in branch.events]
-        if len(self.curves) > before:
-            self.branches.append(branch)
+        own = self.map
+        offset, before = sum(len(branch.events) for branch in own.branches), len(own.curves)
+        branch = run.branch(f"b{len(own.branches) + 1}", None, offset + 1, own.scene.events)
+        met = [(e, self.follow(e, model) if own.wanted(e) else None) for e in branch.events]
+        if len(own.curves) > before:
+            own.branches.append(branch)
         return met
 
-    def unchecked(self, word: Word, fixed: Mapping[str, float]) -> set[float]:
+    def unchecked(self, word: Word) -> set[float]:
         """The middle of every range in which no run has seen what the curves say, if anything."""
-        own = self.regions_of(word, fixed)
-        low, high = self.options.range
+        own = self.regions_of(word)
+        low, high = self.map.options.range
         edges = sorted([low, high, *(e for region in own for e in (region.low, region.high))])
-        checks = [check.value for check in self.checks if _concerns(check, word, fixed)]
+        checks = [check.value for check in self.checks_of(word)]
         return {
             0.5 * (left + right)
             for left, right in itertools.pairwise(edges)
@@ -713,35 +642,96 @@ class _CurveExplorer:
             and not any(left < value < right for value in checks)
         }
 
-    def note_uncovered(self, word: Word, fixed: Mapping[str, float]) -> None:
+    def note_uncovered(self, word: Word) -> None:
         """Say where a run sees something that no curve does."""
-        own = self.regions_of(word, fixed)
-        for check in self.checks:
+        own = self.regions_of(word)
+        for check in self.checks_of(word):
             covered = any(region.low <= check.value <= region.high for region in own)
-            if check.first is not None and not covered and _concerns(check, word, fixed):
-                self.notes.append(
-                    f"{fixed_text(fixed, ', ')}{check.notation}: {check.first} comes first at "
+            if check.first is not None and not covered:
+                self.map.notes.append(
+                    f"{fixed_text(self.fixed, ', ')}{check.notation}: {check.first} comes first at "
                     f"{check.second} = {check.value:.6g}, on no curve that was followed"
                 )
 
-    def regions_of(self, word: Word, fixed: Mapping[str, float]) -> list[Region]:
+    def checks_of(self, word: Word) -> list[Check]:
+        """The runs of a word."""
+        own = self.fixed, word.walls, word.period
+        return [c for c in self.map.checks if (dict(c.fixed), c.word, c.period) == own]
+
+    def regions_of(self, word: Word) -> list[Region]:
         """What the curves of a word say comes first, in order."""
-        own = [c for c in self.of_member(fixed) if (c.word, c.period) == (word.walls, word.period)]
-        return sorted(regions(own, self.along(fixed), self.checks), key=lambda region: region.low)
+        own = [c for c in self.curves() if (c.word, c.period) == (word.walls, word.period)]
+        found = regions(own, self.along(), self.map.checks)
+        return sorted(found, key=lambda region: region.low)
 
-    def of_member(self, fixed: Mapping[str, float]) -> list[Curve]:
-        """The curves of a member of the family."""
-        return [curve for curve in self.curves if dict(curve.fixed) == dict(fixed)]
-
-    def along(self, fixed: Mapping[str, float]) -> str:
+    def along(self) -> str:
         """The column that falls."""
-        own = self.of_member(fixed)
-        return falling_column(own) if own else self.scene.parameter
+        own = self.curves()
+        return falling_column(own) if own else self.map.scene.parameter
 
+    # Lines.
 
-def _concerns(check: Check, word: Word, fixed: Mapping[str, float]) -> bool:
-    """Whether a run is one of a word, for a member of the family."""
-    return (check.word, check.period, dict(check.fixed)) == (word.walls, word.period, dict(fixed))
+    def cover(self, word: Word) -> list[Coverage]:
+        """Lay lines for a word of the scene, and say what they met."""
+        own = self.map
+        about = own.scene, self.model, word, own.kernels
+        asked = self.curves, self.covered, self.start, self.further
+        lines = Lines(*about, *asked, own.progress)
+        found = lines.cover(self.fixed)
+        own.evaluations += lines.evaluations
+        return found
+
+    def covered(self, entry: Entry) -> bool:
+        """Whether a curve passes through an entry."""
+        return self.passing(entry, self.model) is not None
+
+    def start(self, entry: Entry) -> str:
+        """Follow the curves of the branch through an entry; returns why its own is not there."""
+        own = self.map
+        second = own.options.parameter
+        there = self.model.replace(**{second: entry.parameters[second]})
+        for through in (run_through, run_with):
+            run = through(own.scene, there, entry, own.kernels)
+            own.evaluations += run.problem.kernel_evaluations
+            reraise_interruption(run.ends)
+            self.start_from(run, there)
+            if self.covered(entry):
+                return ""
+        return "no curve through it could be followed"
+
+    def further(self) -> list[Entry]:
+        """Start curves from points of codimension two; returns the entries they started from."""
+        own = self.map
+        ranges = [own.scene.range, own.options.range]
+        entries = {entry.id: entry for branch in own.branches for entry in branch.events}
+        started = []
+        new = [(c, p) for c in self.curves() for p in c.points if p.id not in self.seen]
+        self.seen |= {point.id for _, point in new}
+        for curve, point in new:
+            origin = entries.get(curve.origin)
+            if origin is None:
+                continue
+            about = origin, point, self.model, own.options.kinds, own.pairs, ranges
+            for entry in entries_born(*about):
+                wanted = own.wanted(entry) and self.near_enough(entry, curve)
+                if wanted and not self.covered(entry) and not self.start(entry):
+                    started.append(entry)
+        return started
+
+    def near_enough(self, entry: Entry, curve: Curve) -> bool:
+        """Whether an entry's word is born from one of the scene in as few steps as it reaches."""
+        before = self.births.get((curve.word, curve.period), 0)
+        own = before + ((entry.word, entry.period) != (curve.word, curve.period))
+        reach = self.map.options.reach
+        if own > reach:
+            if not self.covered(entry):
+                name = f"{entry.label} of {entry.notation}"
+                what = "curves not started at points of codimension two"
+                self.map.limits.reached("curves.reach", reach, what, name)
+            return False
+        known = self.births.setdefault((entry.word, entry.period), own)
+        self.births[entry.word, entry.period] = min(known, own)
+        return True
 
 
 def add_map(scene: Scene, diagram: Diagram, progress: Progress | None = None) -> Diagram:
