@@ -195,21 +195,13 @@ class Tracer:
 
     def _groups(self) -> list[list[Cell]]:
         """The cells that are joined."""
-        cells = [(k, j) for k, slab in enumerate(self.slabs) for j in slab.cells]
-        parent = {cell: cell for cell in cells}
+        from scipy.cluster.hierarchy import DisjointSet
 
-        def root(cell: Cell) -> Cell:
-            while parent[cell] != cell:
-                cell = parent[cell]
-            return cell
-
+        joined = DisjointSet((k, j) for k, slab in enumerate(self.slabs) for j in slab.cells)
         for one, other in self._neighbours():
             if self._content(one) == self._content(other):
-                parent[root(one)] = root(other)
-        groups: dict[Cell, list[Cell]] = defaultdict(list)
-        for cell in cells:
-            groups[root(cell)].append(cell)
-        return list(groups.values())
+                joined.merge(one, other)
+        return [sorted(cells) for cells in joined.subsets()]
 
     def _content(self, cell: Cell) -> Hashable:
         return self.contents[cell[0]][cell[1]]
