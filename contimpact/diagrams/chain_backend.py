@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..arrays import ARRAYS, Array, Containers, Vector
-from ..bifurcations.extended_system import ManyOrbits, OneOrbit
+from ..bifurcations.extended_system import OneOrbit
 from ..continuation.branch import Block
-from ..continuation.step import HEAD, Observe, columns
+from ..continuation.step import HEAD, Observe
 from ..models.guards import Row, orders_of
 from ..orbits.cyclic_chain import (
     AT_END,
@@ -225,21 +225,17 @@ class ChainBackend(OrbitBackend[ChainVectors]):
         return program_of(self.problem.kernels)
 
     def block(self, rows: Array) -> Block:
-        m = self.problem.m
         if self.gaps:
             self._look_at(rows)
-        unknowns, tangents, signs, places, tries, seen = columns(rows, self.problem.n + 1)
-        pencils = seen[:, 1 + FINDINGS : 1 + FINDINGS + 2 * m * m].reshape(-1, 2, m, m)
-        span, doubling = seen[:, self.described - 2], seen[:, self.described - 1]
+        return super().block(rows)
+
+    def told(self, rows: Array) -> tuple[Array, tuple[Array, Array, Array]]:
+        m = self.problem.m
+        pencils = rows[:, 1 + FINDINGS : 1 + FINDINGS + 2 * m * m].reshape(-1, 2, m, m)
+        span, doubling = rows[:, self.described - 2], rows[:, self.described - 1]
         values, products, doubling = self.stability(pencils, doubling)
-        findings = seen[:, 1 : 1 + FINDINGS]
-        about, made = np.hstack([seen[:, :1], values.view(float), findings]), self.problem.described
-        gaps = self.described + self.count * self.walls
-        turns = gaps + self.count
-        nearest = seen[:, self.described : gaps].reshape(-1, self.count, self.walls)
-        points, cycle = (unknowns, tangents, signs), (span, doubling, products)
-        measured = ManyOrbits(*points, *cycle, nearest, seen[:, gaps:turns], seen[:, turns:])
-        return Block(*points, places, tries, about, made, measured=measured)
+        described = np.hstack([rows[:, :1], values.view(float), rows[:, 1 : 1 + FINDINGS]])
+        return described, (span, doubling, products)
 
     def stability(self, pencils: Array, doubling: Array) -> tuple[Array, Array, Array]:
         """Multipliers, their products, and the determinants of period doublings, from the pencils

@@ -142,8 +142,19 @@ class OrbitBackend(ABC, Generic[V]):
         """The branch as vectors and tables."""
 
     @abstractmethod
+    def told(self, rows: Array) -> tuple[Array, tuple[Array, Array, Array]]:
+        """What describes points, and the periods, determinants and products that test functions go
+        by, from what ``observe`` records."""
+
     def block(self, rows: Array) -> Block:
         """The points in the rows of `take_steps`."""
+        unknowns, tangents, signs, places, tries, seen = columns(rows, self.problem.n + 1)
+        described, cycle = self.told(seen)
+        gaps = self.described + self.count * self.walls
+        turns, points = gaps + self.count, (unknowns, tangents, signs)
+        nearest = seen[:, self.described : gaps].reshape(-1, self.count, self.walls)
+        measured = ManyOrbits(*points, *cycle, nearest, seen[:, gaps:turns], seen[:, turns:])
+        return Block(*points, places, tries, described, self.problem.described, measured=measured)
 
     @abstractmethod
     def written(self) -> Program:
@@ -326,16 +337,9 @@ class CycleBackend(OrbitBackend[OrbitVectors]):
             return TOO_STIFF
         return "a forcing whose harmonics change along a branch"
 
-    def block(self, rows: Array) -> Block:
-        unknowns, tangents, signs, places, tries, seen = columns(rows, self.problem.n + 1)
-        gaps = MEASURED + self.count * self.walls
-        turns = gaps + self.count
-        cycle = seen[:, SPAN], seen[:, DETERMINANT], seen[:, PRODUCT, None]
-        nearest = seen[:, MEASURED:gaps].reshape(-1, self.count, self.walls)
-        points, flights = (unknowns, tangents, signs), (nearest, seen[:, gaps:turns])
-        measured = ManyOrbits(*points, *cycle, *flights, seen[:, turns:])
-        described, made = seen[:, :DESCRIBED].copy(), self.problem.described
-        return Block(*points, places, tries, described, made, measured=measured)
+    def told(self, rows: Array) -> tuple[Array, tuple[Array, Array, Array]]:
+        cycle = rows[:, SPAN], rows[:, DETERMINANT], rows[:, PRODUCT, None]
+        return rows[:, :DESCRIBED].copy(), cycle
 
     @functools.cached_property
     def arrays(self) -> OrbitVectors:
