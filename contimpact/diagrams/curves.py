@@ -265,7 +265,10 @@ def walk_curve(
     hit exactly; points of the special test functions are marked.
     """
     *others, last = problem.orbit.kernels.parameters
-    inside = [Limit(name, limits) for name, limits in zip(others, ranges, strict=False)]
+    named = zip(others, ranges, strict=False)
+    inside = [ParameterValues(f"limit of {name}", name, limits) for name, limits in named]
+    noise = ON_LIMIT * max(map(abs, values), default=0.0)
+    asked = ParameterValues(REQUESTED, last, each_once(values, "values"), noise)
     again = [RepetitionTest(problem.orbit)] if problem.orbit.word.repeated() else []
     watched = [*inside, *problem.kind.curve_limits().values(), *again]
 
@@ -276,7 +279,7 @@ def walk_curve(
             direction,
             parameter=last,
             limits=ranges[-1],
-            tests=[*watched, SecondValue(values), *special],
+            tests=[*watched, asked, *special],
             settings=settings,
             callback=callback,
             policies=[LeavingEnd(problem.kind, watched), *([ShorterEnd(special)] if again else [])],
@@ -298,14 +301,15 @@ solved for."""
 
 class LeavingEnd(Policy):
     """Ends a walk where a parameter leaves its range, or where the kind says so; watched are the
-    `Limit` of each parameter but the last, and those of `Kind.curve_limits`: where one of these
+    limits of each parameter but the last, and those of `Kind.curve_limits`: where one of these
     changes its sign and its zero is not located, as where the equations are singular, the walk ends
     at the last point before; and so it does where its orbits lose the multiplier of the kind."""
 
     def __init__(self, kind: Kind, watched: Sequence[TestFunction]) -> None:
         self.kind = kind
         self.within: dict[EndKind, Point[CurvePoint]] = {}
-        self.ranges = {test.kind: test.parameter for test in watched if isinstance(test, Limit)}
+        limits = (test for test in watched if isinstance(test, ParameterValues))
+        self.ranges = {test.kind: test.parameter for test in limits}
         self.ends = {test.kind: end for end, test in kind.curve_limits().items()}
 
     def accepted(
@@ -351,51 +355,33 @@ def _is_on_curve(kind: Kind, point: Point[CurvePoint]) -> bool:
     return not slow or kind.is_on_circle(here)
 
 
-class Limit(TestFunction):
-    """A parameter leaves its range."""
+class ParameterValues(TestFunction):
+    """A free parameter takes values that were asked for, or leaves its range at them."""
 
-    def __init__(self, parameter: str, limits: tuple[float, float]) -> None:
-        self.parameter, self.limits, self.kind = parameter, limits, f"limit of {parameter}"
+    def __init__(
+        self, kind: str, parameter: str, wanted: Sequence[float], noise: float = 0.0
+    ) -> None:
+        self.kind, self.parameter, self.noise = kind, parameter, noise
+        self.wanted = np.array(wanted, dtype=float)
 
     def values(self, point: Point) -> Array:
-        value = point.evaluation.parameter(self.parameter)
-        return np.array([value - self.limits[0], self.limits[1] - value])
+        return np.asarray(point.evaluation.parameter(self.parameter) - self.wanted)
 
     def locate(
         self, problem: Problem[CurvePoint], guess: Point[CurvePoint], index: int
     ) -> Location | None:
+        """The point of a curve where the parameter has the value, to the last digit."""
         orbit = guess.evaluation.problem.orbit
-        place = orbit.n + orbit.kernels.parameters.index(self.parameter)
-        return _solve_at(problem, guess, place, self.limits[index])
-
-
-class SecondValue(TestFunction):
-    """The second parameter takes a value that was asked for."""
-
-    kind = REQUESTED
-
-    def __init__(self, wanted: Sequence[float]) -> None:
-        self.wanted = np.array(each_once(wanted, "values"), dtype=float)
-        self.noise = ON_LIMIT * max((abs(value) for value in wanted), default=0.0)
-
-    def values(self, point: Point) -> Array:
-        return point.parameter - self.wanted
-
-    def locate(self, problem: Problem, guess: Point, index: int) -> Location | None:
-        return _solve_at(problem, guess, len(guess.unknowns) - 1, self.wanted[index])
-
-
-def _solve_at(problem: Problem, guess: Point, place: int, value: float) -> Location | None:
-    """The point of a curve where one of its unknowns, a parameter, has a value, to the last digit;
-    None if there is none next to the guess."""
-    wanted, fixed = guess.unknowns.copy(), np.zeros(len(guess.unknowns))
-    wanted[place], fixed[place] = value, 1.0
-    here = correct(problem, wanted, fixed, np.ones(len(wanted)), CURVE_SETTINGS).evaluation
-    if here is None:
-        return None
-    unknowns = here.unknowns.copy()
-    unknowns[place] = value
-    return Location(unknowns, float(np.max(np.abs(here.residual))), 0.0)
+        *others, last = orbit.kernels.parameters
+        place = -1 if self.parameter == last else orbit.n + others.index(self.parameter)
+        at, fixed = guess.unknowns.copy(), np.zeros(len(guess.unknowns))
+        at[place], fixed[place] = self.wanted[index], 1.0
+        here = correct(problem, at, fixed, np.ones(len(at)), CURVE_SETTINGS).evaluation
+        if here is None:
+            return None
+        unknowns = here.unknowns.copy()
+        unknowns[place] = self.wanted[index]
+        return Location(unknowns, float(np.max(np.abs(here.residual))), 0.0)
 
 
 # Tabulating.
