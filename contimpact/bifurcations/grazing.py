@@ -368,8 +368,10 @@ class G(Kind):
         if begun is not None:
             return begun.criticality(event, start), None
         speed, rate = _new_speed(event, start), float(start.tangent[-1])
-        if count_added_impacts(event) > 1 and abs(rate) < FLAT * np.max(np.abs(start.tangent)):
-            return _sliding_criticality(event, start) or SUPER, None
+        letters = _own_excursion(event)
+        if len(letters) > 1 and abs(rate) < FLAT * np.max(np.abs(start.tangent)):
+            elsewhere = start.problem.kernels.arrival(*letters[:2]) == ELSEWHERE
+            return _bend_criticality(event, start) if elsewhere else SUPER, None
         small = abs(rate) < SMALL * np.max(np.abs(start.tangent))
         if small and abs(rate) <= rate_error(start):
             return _bend_criticality(event, start), None
@@ -481,14 +483,9 @@ def word_with_touches(event: OrbitEvent) -> Word | None:
     return word
 
 
-def count_added_impacts(event: OrbitEvent) -> int:
-    """Return how many impacts the event's own touch becomes."""
-    return len(_own_excursion(event))
-
-
 def _own_excursion(event: OrbitEvent) -> str:
-    places = (event.details[name] for name in ("flight", "wall", "touch_time"))
-    return _excursion_at(event.point.evaluation, *places) or ""
+    """The impacts that the event's own touch becomes."""
+    return _excursion_at(event.point.evaluation, *(event.details[name] for name in G.needed)) or ""
 
 
 def _excursion_at(here: Linearisation, flight: int, wall: str, time: float) -> str | None:
@@ -598,16 +595,6 @@ def _speed_column(problem: OrbitProblem, unknowns: Array, time: float) -> int:
     return problem.m * impact + 1
 
 
-def _sliding_criticality(event: OrbitEvent, start: Start) -> str | None:
-    """The criticality where the excursion ends on another surface; None where it does not."""
-    letters = _own_excursion(event)
-    return (
-        None
-        if start.problem.kernels.arrival(*letters[:2]) != ELSEWHERE
-        else _bend_criticality(event, start)
-    )
-
-
 def _bend_criticality(event: OrbitEvent, start: Start) -> str:
     """The criticality where the parameter rests along the new branch."""
     problem = start.problem
@@ -621,13 +608,17 @@ def _bend_criticality(event: OrbitEvent, start: Start) -> str:
 
 def _gap_slope(event: OrbitEvent) -> float:
     """The sign of the derivative of the old orbit's gap by the parameter."""
-    here: Linearisation = event.point.evaluation
     along = event.point.tangent
-    places = (event.details[name] for name in ("flight", "wall", "touch_time"))
-    system = TouchingFlight(here.problem, *places)
+    side = _side(event.point.evaluation.problem, event)
+    return float(-side * _rate_at_touch(event, along) * along[-1])
+
+
+def _rate_at_touch(event: OrbitEvent, along: Array) -> float:
+    """The rate along a direction of where the old orbit's flight is at the touch."""
+    here: Linearisation = event.point.evaluation
+    system = TouchingFlight(here.problem, *(event.details[name] for name in G.needed))
     _, start, _, by_parameter = system.arrival(here, system.start(here))
-    rate = float(start[0] @ along[system.left] + by_parameter[0, 0] * along[-1])
-    return float(-_side(here.problem, event) * rate * along[-1])
+    return float(start[0] @ along[system.left] + by_parameter[0, 0] * along[-1])
 
 
 def _side(problem: OrbitProblem, event: OrbitEvent) -> float:
@@ -820,13 +811,11 @@ def gap_rate(event: OrbitEvent) -> float:
     guard: Guard = problem.model.guard(details["wall"])
     jacobian, n = here.jacobian, problem.n
     along = np.append(-np.linalg.solve(jacobian[:, :n], jacobian[:, n]), 1.0)
-    system = TouchingFlight(problem, details["flight"], details["wall"], details["touch_time"])
-    _, start, _, by_parameter = system.arrival(here, system.start(here))
-    rate = float(start[0] @ along[system.left] + by_parameter[0, 0])
+    rate, flight = _rate_at_touch(event, along), details["flight"]
     if problem.word.walls:
-        left = problem.word.walls[details["flight"]]
+        left = problem.word.walls[flight]
         if problem.kernels.arrival(left, details["wall"]) != ELSEWHERE:
-            rate *= details["touch_time"] - problem.times_around(here.unknowns, system.flight)[0]
+            rate *= details["touch_time"] - problem.times_around(here.unknowns, flight)[0]
     return -guard.side * rate
 
 
