@@ -453,18 +453,11 @@ def crossing_runs(
             model = problem.model.replace(**{problem.parameter: place_across(limits, part)})
             there = problem_of(model, problem.word, problem.kernels)
             for orbit in search_for(there, generator, AT_ONE_VALUE, 1).orbits:
-                _follow(runs, scene, problem, orbit.unknowns, limits)
+                if not any(run.has(problem, orbit.unknowns) for run in runs):
+                    runs.append(run_on_line(scene, problem, orbit.unknowns, limits))
             problem.kernel_evaluations += there.kernel_evaluations
         if len(runs) == before:
             break
-
-
-def _follow(
-    runs: list[Run], scene: Scene, problem: OrbitProblem, unknowns: Array, limits: Range
-) -> None:
-    """Add the run through an orbit, unless it lies on one already."""
-    if not any(run.has(problem, unknowns) for run in runs):
-        runs.append(run_on_line(scene, problem, unknowns, limits))
 
 
 def run_on_line(scene: Scene, problem: OrbitProblem, unknowns: Array, limits: Range) -> Run:
