@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Any
 
 import numpy as np
@@ -105,99 +105,116 @@ def collect_crises(
     sweep: Sweep, diagram: Diagram, found: list[Crisis | NoCrisis], impacts: int = 40_000
 ) -> None:
     """Add crises to a list, as `find_crises`; an interruption adds that it was one, and passes."""
-    kernels = Kernels(sweep.model, sweep.parameter)
+    search = CrisisSearch(sweep, diagram, Kernels(sweep.model, sweep.parameter), impacts)
     try:
-        for search in (find_ends, _find_widenings):
-            found.extend(search(sweep, diagram, kernels, impacts))
+        found.extend(search.found_at(chain(search.ends(), search.widenings())))
     except KeyboardInterrupt:
         text = f"the search was interrupted; changes of motion looked at: {len(found)}"
         found.append(NoCrisis(text))
         raise
 
 
-def find_ends(
-    sweep: Sweep, diagram: Diagram, kernels: Kernels, impacts: int = 40_000
-) -> Iterator[Crisis | NoCrisis]:
-    """Find what ends complex motion along a sweep."""
-    for before, after in neighbours(sweep):
-        if before.attractor.kind is not Kind.COMPLEX or after.attractor.kind is Kind.COMPLEX:
-            continue
-        end = (
-            f"{before.attractor.notation} ends between {sweep.parameter} = {before.value:.9g} "
-            f"and {after.value:.9g} ({before.direction})"
-        )
-        try:
-            yield _end_between(sweep, diagram, kernels, impacts, before, after, end)
-        except FAILING as error:
-            yield NoCrisis(f"{end}; the search failed ({type(error).__name__}: {error})")
+Unstable = list[tuple[Orbit, str | None]]
+"""Orbits, and the branches on which they lie."""
+
+Change = tuple[str, Callable[[], Crisis | NoCrisis]]
+"""A change of motion along a sweep, in words, and what finds the crisis there."""
 
 
-def _end_between(
-    sweep: Sweep,
-    diagram: Diagram,
-    kernels: Kernels,
-    impacts: int,
-    before: Row,
-    after: Row,
-    end: str,
-) -> Crisis | NoCrisis:
-    """What ends complex motion between two rows; `end` says so in words."""
-    orbits = _unstable_on(diagram, sweep, before.value, kernels)
-    search = partial(approach_crisis, impacts=impacts, smooth=False)
-    crisis, tried = _first(orbits, before, after, search)
-    entry, beyond = (None, "") if crisis else _takeover(sweep, before, after)
-    if crisis is None and entry is None and after.attractor.kind is Kind.PERIODIC:
-        width = FINER * abs(after.value - before.value)
-        simulators = Simulators(sweep.model, sweep.parameter, kernels)
-        earlier, left, _, _ = locate(simulators, before, after, width, PATIENT)
-        for row in (left, earlier):
-            if crisis is None:
-                orbits = _unstable_on(diagram, sweep, row.value, kernels, after.attractor)
-                search = partial(locate_either, impacts=impacts)
-                crisis, tried = _first(orbits, row, after, search)
-    if crisis:
-        return crisis
-    if entry is None:
-        beyond += f"; no crisis was found of the unstable orbits there: {tried or 'none'}"
-    return NoCrisis(end + beyond, entry)
+@dataclass(frozen=True)
+class CrisisSearch:
+    """What crises are looked for with: a sweep, branches, kernels with the sweep's parameter free,
+    and how many impacts are simulated on each attractor."""
 
+    sweep: Sweep
+    diagram: Diagram
+    kernels: Kernels
+    impacts: int = 40_000
 
-def _find_widenings(
-    sweep: Sweep, diagram: Diagram, kernels: Kernels, impacts: int
-) -> Iterator[Crisis | NoCrisis]:
-    """Find the crises at which the bands of complex motion become fewer and wider."""
-    for way in sweep.directions:
-        for pair in pairwise(sweep.of(way)):
-            given = [(*_bands(row.attractor), row) for row in pair]
-            (laps, width, before), (fewer, wider, after) = sorted(given, key=lambda g: -g[0])
-            if not (fewer and laps > fewer and laps != 2 * fewer and wider > WIDER * width):
-                continue
-            place = f"{sweep.parameter} = {before.value:.9g} and {after.value:.9g}"
-            widens = f"{before.attractor.notation} widens between {place}, from bands met after "
-            widens += f"{laps} impacts to such met after {fewer}"
+    @staticmethod
+    def found_at(changes: Iterable[Change]) -> Iterator[Crisis | NoCrisis]:
+        """Yield what is found at changes of motion; where a search fails, that it does."""
+        for what, find in changes:
             try:
-                orbits = _unstable_around(sweep, diagram, before, after, laps, kernels)
-                search = partial(locate_either, impacts=impacts)
-                crisis, tried = _first(orbits, before, after, search)
+                yield find()
             except FAILING as error:
-                yield NoCrisis(f"{widens}; the search failed ({type(error).__name__}: {error})")
-                continue
-            none = f"no crisis was found of the unstable orbits there: {tried or 'none'}"
-            yield crisis or NoCrisis(f"{widens}; {none}")
+                yield NoCrisis(f"{what}; the search failed ({type(error).__name__}: {error})")
 
+    def ends(self) -> Iterator[Change]:
+        """Yield where complex motion ends."""
+        for before, after in neighbours(self.sweep):
+            if before.attractor.kind is Kind.COMPLEX and after.attractor.kind is not Kind.COMPLEX:
+                end = (
+                    f"{before.attractor.notation} ends between {self.sweep.parameter} = "
+                    f"{before.value:.9g} and {after.value:.9g} ({before.direction})"
+                )
+                yield end, partial(self.end_between, before, after, end)
 
-def _unstable_around(
-    sweep: Sweep, diagram: Diagram, before: Row, after: Row, laps: int, kernels: Kernels
-) -> Unstable:
-    """The unstable orbits on branches and of the window in which bands widen."""
-    orbits = _unstable_on(diagram, sweep, before.value, kernels)
-    if (window := _window(sweep, before, after, laps, kernels)) is not None:
-        around = Diagram(window.id, [window])
-        known = [orbit for orbit, _ in orbits]
-        for orbit, _ in _unstable_on(around, sweep, before.value, kernels):
-            if not any(are_same_orbit(orbit, other) for other in known):
-                orbits.append((orbit, None))
-    return orbits
+    def end_between(self, before: Row, after: Row, end: str) -> Crisis | NoCrisis:
+        """What ends complex motion between two rows; `end` says so in words."""
+        search = partial(approach_crisis, impacts=self.impacts, smooth=False)
+        crisis, tried = _first(self.unstable_at(before.value), before, after, search)
+        entry, beyond = (None, "") if crisis else _takeover(self.sweep, before, after)
+        if crisis is None and entry is None and after.attractor.kind is Kind.PERIODIC:
+            width = FINER * abs(after.value - before.value)
+            simulators = Simulators(self.sweep.model, self.sweep.parameter, self.kernels)
+            earlier, left, _, _ = locate(simulators, before, after, width, PATIENT)
+            for row in (left, earlier):
+                if crisis is None:
+                    orbits = self.unstable_at(row.value, after.attractor)
+                    search = partial(locate_either, impacts=self.impacts)
+                    crisis, tried = _first(orbits, row, after, search)
+        if crisis:
+            return crisis
+        if entry is None:
+            beyond += f"; no crisis was found of the unstable orbits there: {tried or 'none'}"
+        return NoCrisis(end + beyond, entry)
+
+    def widenings(self) -> Iterator[Change]:
+        """Yield where the bands of complex motion become fewer and wider."""
+        for way in self.sweep.directions:
+            for pair in pairwise(self.sweep.of(way)):
+                given = [(*_bands(row.attractor), row) for row in pair]
+                (laps, width, before), (fewer, wider, after) = sorted(given, key=lambda g: -g[0])
+                if not (fewer and laps > fewer and laps != 2 * fewer and wider > WIDER * width):
+                    continue
+                place = f"{self.sweep.parameter} = {before.value:.9g} and {after.value:.9g}"
+                widens = f"{before.attractor.notation} widens between {place}, from bands met "
+                widens += f"after {laps} impacts to such met after {fewer}"
+                yield widens, partial(self.widening, before, after, laps, widens)
+
+    def widening(self, before: Row, after: Row, laps: int, widens: str) -> Crisis | NoCrisis:
+        """The crisis at which bands widen between two rows, of orbits on branches and of the
+        window."""
+        orbits = self.unstable_at(before.value)
+        if (window := _window(self.sweep, before, after, laps, self.kernels)) is not None:
+            around = replace(self, diagram=Diagram(window.id, [window]))
+            known = [orbit for orbit, _ in orbits]
+            for orbit, _ in around.unstable_at(before.value):
+                if not any(are_same_orbit(orbit, other) for other in known):
+                    orbits.append((orbit, None))
+        crisis, tried = _first(orbits, before, after, partial(locate_either, impacts=self.impacts))
+        none = f"no crisis was found of the unstable orbits there: {tried or 'none'}"
+        return crisis or NoCrisis(f"{widens}; {none}")
+
+    def unstable_at(self, value: float, beyond: Attractor | None = None) -> Unstable:
+        """Return the orbits at a value of which a crisis may be: those on branches, and others of
+        the word of what is seen beyond."""
+        sweep = self.sweep
+        found: Unstable = [
+            (orbit, branch.id)
+            for branch in self.diagram.branches
+            if branch.word
+            for orbit in orbits_on(branch, sweep, value, self.kernels)
+            if is_saddle(orbit)
+        ]
+        if beyond is not None and beyond.word is not None:
+            word = Word(beyond.word, beyond.period or 1)
+            model = sweep.model.replace(**{sweep.parameter: value})
+            for orbit in find_orbits(model, word, parameter=sweep.parameter, kernels=self.kernels):
+                if is_saddle(orbit) and not any(are_same_orbit(orbit, other) for other, _ in found):
+                    found.append((orbit, None))
+        return found
 
 
 def _bands(attractor: Attractor) -> tuple[int, float]:
@@ -250,31 +267,6 @@ def _followed(orbit: Orbit, span: tuple[float, float], events: Sequence[str]) ->
     branch = continue_orbit(orbit, range=span, events=events, unphysical=False)
     reraise_interruption(branch.ends)
     return branch
-
-
-Unstable = list[tuple[Orbit, str | None]]
-"""Orbits, and the branches on which they lie."""
-
-
-def _unstable_on(
-    diagram: Diagram, sweep: Sweep, value: float, kernels: Kernels, beyond: Attractor | None = None
-) -> Unstable:
-    """Return the orbits at a value of which a crisis may be: those on branches, and others of the
-    word of what is seen beyond."""
-    found: Unstable = [
-        (orbit, branch.id)
-        for branch in diagram.branches
-        if branch.word
-        for orbit in orbits_on(branch, sweep, value, kernels)
-        if is_saddle(orbit)
-    ]
-    if beyond is not None and beyond.word is not None:
-        word = Word(beyond.word, beyond.period or 1)
-        model = sweep.model.replace(**{sweep.parameter: value})
-        for orbit in find_orbits(model, word, parameter=sweep.parameter, kernels=kernels):
-            if is_saddle(orbit) and not any(are_same_orbit(orbit, other) for other, _ in found):
-                found.append((orbit, None))
-    return found
 
 
 def _first(

@@ -17,7 +17,7 @@ import tomllib
 from collections import Counter
 from pathlib import Path
 
-from contimpact.diagrams.crises import find_ends
+from contimpact.diagrams.crises import CrisisSearch
 from contimpact.diagrams.crisis_location import Crisis
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.scene_simulation import simulate
@@ -65,7 +65,8 @@ def rows(given):
     with tempfile.TemporaryDirectory() as folder:
         sweep = simulate(scene, Path(folder)).sweep
     kernels = Kernels(sweep.model, sweep.parameter)
-    for end in find_ends(sweep, follow(scene), kernels):
+    search = CrisisSearch(sweep, follow(scene), kernels)
+    for end in search.found_at(search.ends()):
         if isinstance(end, Crisis):
             found.append((figure, r, "CR", end.label, end.value, end.error, str(end)))
         elif (entry := end.entry) is not None:

@@ -319,7 +319,7 @@ def test_crises_found_before_the_search_ends_are_kept(monkeypatch, error):
             raise error
         return NoCrisis(f"end {len(searched)}")
 
-    monkeypatch.setattr(crises, "_end_between", search)
+    monkeypatch.setattr(crises.CrisisSearch, "end_between", search)
     monkeypatch.setattr(crises, "neighbours", lambda sweep: again)
     reasons = [one.reason for one in find_crises(Sweep(model, "s", rows), Diagram("none", []))]
     assert reasons[0] == "end 1"
@@ -330,7 +330,7 @@ def test_crises_found_before_the_search_ends_are_kept(monkeypatch, error):
         assert reasons[2] == "end 3"
 
 
-def test_complex_motion_does_not_end_where_motion_has_not_settled(monkeypatch):
+def test_complex_motion_does_not_end_where_motion_has_not_settled():
     """Such a row is no attractor: the motion is the same on both sides, and an end behind it is one
     between the rows that have settled."""
     model = ImpactPair(beta=math.pi / 3, r=0.3, A=5.0, s=0.42)
@@ -340,10 +340,8 @@ def test_complex_motion_does_not_end_where_motion_has_not_settled(monkeypatch):
         replace(rows[0], value=0.42 - 0.001 * k, attractor=replace(rows[0].attractor, kind=kind))
         for k, kind in enumerate(kinds)
     ]
-    searched = []
-    monkeypatch.setattr(crises, "_end_between", lambda *given: searched.append(given[4:6]))
-    list(crises.find_ends(Sweep(model, "s", made), Diagram("none", []), None))
-    assert searched == [(made[2], made[4])]
+    search = crises.CrisisSearch(Sweep(model, "s", made), Diagram("none", []), None)
+    assert [find.args[:2] for _, find in search.ends()] == [(made[2], made[4])]
 
 
 def test_an_end_without_a_crisis_is_reported():
