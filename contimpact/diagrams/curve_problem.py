@@ -337,7 +337,7 @@ class OtherKindTest(TestFunction):
         self.kind, self.test, self.own, self.without = f"{name}, {test.kind}", test, own, without
 
     def values(self, point: Point) -> Array:
-        values = _values(self.test, self.of_one(point).evaluation)
+        values = self.test.values(self.of_one(point))
         if self.without is not None:
             values[self.without] = np.nan
         return values
@@ -355,13 +355,6 @@ class OtherKindTest(TestFunction):
 
     def details(self, point: Point, index: int) -> Details:
         return self.test.details(self.of_one(point), index)
-
-
-def _values(test: CurveTest, here: _CurvePoint) -> Array:
-    try:
-        return np.atleast_1d(np.array(test.of(here), dtype=float))
-    except (ArithmeticError, np.linalg.LinAlgError):
-        return np.array([np.nan])
 
 
 @dataclass(frozen=True)
@@ -484,11 +477,12 @@ def _curve_tests(kind: Kind, problem: OrbitProblem) -> list[CurveTest]:
 def _smallest_test(at: _CurvePoint, kind: Kind, name: str, changes: str) -> tuple[CurveTest, int]:
     """The test function that vanishes at a point, and which of its values."""
     tests = _curve_tests(kind, at.orbit.problem)
+    point = Point(at, at.own, math.nan, 0.0, 0)
     found = [
         (abs(value), place, test, index)
         for place, test in enumerate(tests)
         if test.kind == name and changes in ("", test.changes)
-        for index, value in enumerate(_values(test, at))
+        for index, value in enumerate(test.values(point))
         if np.isfinite(value)
     ]
     if not found:
