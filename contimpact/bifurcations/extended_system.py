@@ -150,14 +150,6 @@ class OrbitTest(TestFunction[Linearisation]):
         return np.where(np.abs(values) < self.vanishing, np.nan, values)
 
 
-def places_of(test: OrbitTest, here: Linearisation) -> list[Details]:
-    """Return the details of the events that the existing values of a test are the tests of."""
-    point = Point(here, np.full(len(here.unknowns), np.nan), np.nan, 0.0, 0)
-    values = test.values(point)
-    found = np.nonzero(np.isfinite(values[: len(values) - test.guides]))[0]
-    return [test.details(point, place) for place in found.tolist()]
-
-
 @dataclass(frozen=True)
 class SystemEvaluation:
     """An extended system at one point."""

@@ -51,7 +51,6 @@ from .extended_system import (
     TouchingFlight,
     event_on,
     located,
-    places_of,
     touch_form,
 )
 from .kind import (
@@ -310,9 +309,6 @@ class G(Kind):
         if begun is not None:
             return begun.equations()
         return TouchingFlight(problem, details["flight"], details["wall"], details["touch_time"])
-
-    def places(self, here: Linearisation) -> list[Details]:
-        return places_of(Grazing(here.problem), here)
 
     def in_many_digits(self, orbit: Equations, unknowns: Array, details: Details) -> System | None:
         begun = onset_of(orbit.problem, details)

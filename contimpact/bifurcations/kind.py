@@ -15,7 +15,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from ..continuation.branch import (
     EndKind,
     Evaluation,
     MissedEvent,
+    Point,
     Points,
     TestFunction,
     Walk,
@@ -276,7 +277,13 @@ class Kind(ABC):
 
     def places(self, here: Linearisation) -> list[Details]:
         """Return the details of the places at which it may happen on an orbit and those nearby."""
-        return [{}]
+        if self.changes is not Change.PHYSICALITY:
+            return [{}]
+        test = self.test(here.problem, {})
+        point = Point(here, np.full(len(here.unknowns), np.nan), np.nan, 0.0, 0)
+        values = test.values(point)
+        found = np.nonzero(np.isfinite(values[: len(values) - test.guides]))[0]
+        return [test.details(point, place) for place in found.tolist()]
 
     def in_many_digits(self, orbit: Equations, unknowns: Array, details: Details) -> System | None:
         """Return its equations in many digits; None for a kind that reports do not confirm."""
@@ -452,13 +459,13 @@ def kind_of(name: str) -> Kind:
     """
     if name in FILES:
         return _load_kind(name)
-    own = [kind for kind in _subclasses(Kind) if getattr(kind, "name", None) == name]
+    own = [kind for kind in subclasses_of(Kind) if getattr(kind, "name", None) == name]
     return own[-1]() if own else UnknownKind(name)
 
 
 def names_of_own_kinds() -> Iterator[str]:
     """Yield the names of the kinds that are not declared."""
-    names = (getattr(kind, "name", None) for kind in _subclasses(Kind))
+    names = (getattr(kind, "name", None) for kind in subclasses_of(Kind))
     return (name for name in names if name and name not in FILES)
 
 
@@ -468,12 +475,11 @@ def _load_kind(name: str) -> Kind:
     return kind
 
 
-def _subclasses(kind: type) -> Iterator[type[Kind]]:
-    """All subclasses, in the order of their definition."""
-    subclasses: Sequence[type[Kind]] = kind.__subclasses__()
-    for one in subclasses:
+def subclasses_of(kind: Any) -> Iterator[Any]:
+    """Yield all subclasses, in the order of their definition."""
+    for one in kind.__subclasses__():
         yield one
-        yield from _subclasses(one)
+        yield from subclasses_of(one)
 
 
 def test_functions(

@@ -22,7 +22,6 @@ from .extended_system import (
     Orbits,
     ReachedTest,
     ScalarTest,
-    places_of,
 )
 from .kind import (
     Change,
@@ -124,9 +123,6 @@ class T(Kind):
 
     def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem:
         return ReachedTest(problem, ZeroDuration(problem), details["flight"])
-
-    def places(self, here: Linearisation) -> list[Details]:
-        return places_of(ZeroDuration(here.problem), here)
 
     def in_many_digits(self, orbit: Equations, unknowns: Array, details: Details) -> System:
         return orbit.vanishing(lambda x: orbit.duration(x, details["flight"]))

@@ -20,15 +20,7 @@ from ..models.guards import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from ..orbits.status import WRONG_WAY, Verdict, count_unstable
 from .codimension_two import touch_points
-from .extended_system import (
-    ExtendedSystem,
-    OrbitEvent,
-    OrbitPoint,
-    Orbits,
-    ReachedTest,
-    ScalarTest,
-    places_of,
-)
+from .extended_system import ExtendedSystem, OrbitEvent, OrbitPoint, Orbits, ReachedTest, ScalarTest
 from .kind import (
     Change,
     CurvePoint,
@@ -238,9 +230,6 @@ class V(Kind):
     def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem:
         test = ZeroVelocity(problem)
         return ReachedTest(problem, test, test.index(details))
-
-    def places(self, here: Linearisation) -> list[Details]:
-        return places_of(ZeroVelocity(here.problem), here)
 
     def in_many_digits(self, orbit: Equations, unknowns: Array, details: Details) -> System:
         impact = details["impact"]

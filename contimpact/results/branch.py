@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import operator
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, overload
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..bifurcations.declarations import SYNONYMS
-from ..bifurcations.kind import Scenario, kind_of
+from ..bifurcations.kind import Scenario, kind_of, subclasses_of
 from ..bifurcations.requested import PERIOD
 from ..continuation.branch import End, EndKind, same_place
 from ..display import NotebookResult, ParameterItems, Summary, frame, limit_lines
@@ -70,6 +70,14 @@ class Columns(NotebookResult):
     def _instead(self, column: object) -> str:
         """What gives that which is no column, in words."""
         return ""
+
+    def _head_of(self, what: str, parameter: str) -> str:
+        """What it is, with how many points there are, and where, by a parameter."""
+        values, name = self[parameter], type(self).__name__
+        return (
+            f"{name} {self.id}: {what}, {count_text(len(self), 'point')}, "
+            f"{parameter} from {values.min():.9g} to {values.max():.9g}"
+        )
 
     def _ipython_key_completions_(self) -> list[str]:
         return list(self.columns)
@@ -341,17 +349,10 @@ def _classes(name: str) -> list[type[Model]]:
     # a class that is defined again, as in a notebook, replaces the earlier one
     own = {
         (k.__module__, k.__qualname__): k
-        for k in _subclasses(Model)
+        for k in subclasses_of(Model)
         if getattr(k, "SYSTEM", None) == name
     }
     return list(own.values())
-
-
-def _subclasses(kind: Any) -> Iterator[type[Model]]:
-    """All subclasses, in the order of their definition."""
-    for one in kind.__subclasses__():
-        yield one
-        yield from _subclasses(one)
 
 
 # An event on a branch, as the catalogue records it.
@@ -743,12 +744,7 @@ class Branch(Columns):
         return Summary(self._head(), columns, rows, [f"start: {start}; end: {end}", *self._said()])
 
     def _head(self) -> str:
-        values = self[self.parameter]
-        return (
-            f"Branch {self.id}: {name_orbit(self.notation, self.word)}, "
-            f"{count_text(len(self), 'point')}, "
-            f"{self.parameter} from {values.min():.9g} to {values.max():.9g}"
-        )
+        return self._head_of(name_orbit(self.notation, self.word), self.parameter)
 
     def _said(self) -> list[str]:
         """What could not be located, and further remarks."""

@@ -225,13 +225,8 @@ class Curve(Columns):
         return Summary(self._head(), ("", "point", *names, "error", "changes"), rows, notes)
 
     def _head(self) -> str:
-        last = self.parameters[-1]
-        values = self[last]
-        return (
-            f"Curve {self.id}: {self.label} in ({', '.join(self.parameters)}), "
-            f"{count_text(len(self), 'point')}, {last} from "
-            f"{values.min():.9g} to {values.max():.9g}"
-        )
+        what = f"{self.label} in ({', '.join(self.parameters)})"
+        return self._head_of(what, self.parameters[-1])
 
     def __repr__(self) -> str:
         points = [f"  {p.kind:6} {self._place(p)}: {p.changes}" for p in self.points]
