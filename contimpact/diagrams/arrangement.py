@@ -32,7 +32,7 @@ from scipy.optimize import brentq
 from ..arrays import Array
 from ..bifurcations.declarations import REQUESTED
 from ..models.guards import is_rotation
-from ..results.curve import Curve, falling_column, ghost_mask
+from ..results.curve import Curve, falling_column, ghost_mask, unique_values
 from ..results.scene import Scene
 
 SAME = 1e-6
@@ -306,16 +306,9 @@ def slabs(paths: Sequence[Path]) -> list[Slab]:
 
 
 def _cut_slabs(arcs: Sequence[Arc], edges: Sequence[float]) -> list[Slab]:
-    return [_slab(arcs, *pair) for pair in itertools.pairwise(_separate_edges(edges))]
-
-
-def _separate_edges(edges: Sequence[float]) -> list[float]:
-    """The edges in order, with both sides, each once."""
-    kept = [0.0]
-    for x in sorted(edges):
-        if x - kept[-1] > SAME and x < 1.0 - SAME:
-            kept.append(x)
-    return [*kept, 1.0]
+    inside = (x for x in edges if 0.0 < x < 1.0 - SAME)
+    cuts = [*unique_values([0.0, *inside], SAME), 1.0]
+    return [_slab(arcs, *pair) for pair in itertools.pairwise(cuts)]
 
 
 def _slab(arcs: Sequence[Arc], left: float, right: float) -> Slab:

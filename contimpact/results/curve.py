@@ -545,7 +545,7 @@ def _regions(group: Sequence[Curve], along: str, checks: Sequence[Check]) -> lis
     crossings = [p.parameters[second] for c in group for p in c.points if p.kind in CROSSINGS]
     low = min(float(c[second].min()) for c in group)
     high = max(float(c[second].max()) for c in group)
-    edges = _unique_values([low, high, *crossings, *_ends(group, second)], SAME_EDGE * (high - low))
+    edges = unique_values([low, high, *crossings, *_ends(group, second)], SAME_EDGE * (high - low))
     labels = [curve.label for curve in group]
     rows: list[_Row] = []
     for left, right in itertools.pairwise(edges):
@@ -615,8 +615,8 @@ def _bisect(of: Callable[[float], object], value: object, low: float, high: floa
     return high
 
 
-def _unique_values(values: Sequence[float], distance: float) -> list[float]:
-    """Values in order, without those that are another one found twice: on both curves of two."""
+def unique_values(values: Sequence[float], distance: float) -> list[float]:
+    """Return values in order, without those that are another one found twice."""
     kept: list[float] = []
     for value in sorted(values):
         if not kept or value - kept[-1] > distance:
