@@ -313,7 +313,20 @@ class CycleBackend(OrbitBackend[OrbitVectors]):
 
     @functools.cached_property
     def functions(self) -> Functions[OrbitVectors]:
-        return plain_functions(self.problem, self.zeros)
+        kernels, fixed = self.problem.kernels, self.zeros
+        in_time = not math.isnan(kernels.harmonics(*self.problem.model.values.values())[0])
+        excursion, moving = excursion_of(kernels, in_time), kernels.depends("harmonics")
+
+        def breaks(values: Vector, period: float, zeros: Vector) -> list[float] | None:
+            return time_zeros(kernels.harmonics(*values), period) if moving else fixed
+
+        def observe(
+            orbit: OrbitVectors, z: Vector, tangent: Vector, sign: float, row: Vector, at: int
+        ) -> None:
+            observe_cycle(breaks, excursion, orbit, z, row, at)
+
+        evaluate = plainly(evaluate_cycle, self.problem, kernels.flights)
+        return evaluate, newton_step, tangent_of_cycle, observe
 
     @functools.cached_property
     def described(self) -> int:
@@ -362,28 +375,6 @@ class CycleBackend(OrbitBackend[OrbitVectors]):
 
         assert self.variant is not None
         return program_of(self.problem.kernels, self.variant)
-
-
-def plain_functions(problem: OrbitProblem, fixed: list[float] | None) -> Functions[OrbitVectors]:
-    """Return what `take_steps` needs of a problem: evaluate, solve, tangent_at and observe.
-
-    `fixed` are the zeros of the acceleration, where they are the same along the branch.
-    """
-    kernels = problem.kernels
-    in_time = not math.isnan(kernels.harmonics(*problem.model.values.values())[0])
-    flight, excursion = kernels.flights, excursion_of(kernels, in_time)
-    moving = kernels.depends("harmonics")
-
-    def breaks(values: Vector, period: float, zeros: Vector) -> list[float] | None:
-        return time_zeros(kernels.harmonics(*values), period) if moving else fixed
-
-    def observe(
-        orbit: OrbitVectors, z: Vector, tangent: Vector, sign: float, row: Vector, at: int
-    ) -> None:
-        observe_cycle(breaks, excursion, orbit, z, row, at)
-
-    evaluate = plainly(evaluate_cycle, problem, flight)
-    return evaluate, newton_step, tangent_of_cycle, observe
 
 
 def plainly(
