@@ -14,6 +14,7 @@ import enum
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -294,16 +295,11 @@ class NotFound:
     def of(cls, scene: Scene, kernels: Kernels, word: Word) -> NotFound:
         """Tell what a search in vain at a scene's start has tried: it ends after two rounds."""
         letters = scene.model.letters
-        shorter = [w for w in word.repeated() if orbits_at(scene, kernels, w, scene.start)]
+        here = partial(search_at, scene, kernels, value=scene.start)
+        shorter = [w for w in word.repeated() if here(w).orbits]
         tried = scene.parameter, scene.start, scene.starts, min(scene.rounds, 2)
-        repeated = tuple(w.notation(letters) for w in shorter)
-        return cls(
-            word,
-            word.notation(letters),
-            *tried,
-            repeated,
-            starts_elsewhere=_quick_search(scene).starts,
-        )
+        notations, glance = tuple(w.notation(letters) for w in shorter), _quick_search(scene).starts
+        return cls(word, word.notation(letters), *tried, notations, starts_elsewhere=glance)
 
     def also_at(self, value: float, count: int) -> NotFound:
         """Return the same after a search at another value, and how many orbits it found."""
@@ -365,11 +361,6 @@ def search_at(scene: Scene, kernels: Kernels, word: Word, value: float) -> Searc
     model = scene.model.replace(**{scene.parameter: value})
     tried = scene.seed, scene.starts, scene.rounds
     return search(model, word, scene.parameter, kernels, *tried)
-
-
-def orbits_at(scene: Scene, kernels: Kernels, word: Word, value: float) -> list[Orbit]:
-    """Find orbits of a word at a value of a scene's parameter, with the scene's options."""
-    return search_at(scene, kernels, word, value).orbits
 
 
 def add_settled(
@@ -478,7 +469,7 @@ def orbits_at_start(scene: Scene, kernels: Kernels, word: Word) -> list[Orbit]:
 
     Raises InputError if there is none; it says what was tried and what exists nearby.
     """
-    found = orbits_at(scene, kernels, word, scene.start)
+    found = search_at(scene, kernels, word, scene.start).orbits
     if not found:
         raise refusal([not_found(scene, kernels, word)])
     return found
