@@ -99,7 +99,7 @@ def run_through(scene: Scene, model: Model, entry: Entry, kernels: Kernels) -> R
     """
     orbit = orbit_of(entry, model, kernels)
     beside = _orbit_beside(orbit.problem, orbit.unknowns, scene, scene.range)
-    return _walk(scene, orbit.problem, beside, scene.range)
+    return run_on_line(scene, orbit.problem, beside, scene.range)
 
 
 def run_with(scene: Scene, model: Model, entry: Entry, kernels: Kernels) -> Run:
@@ -108,16 +108,18 @@ def run_with(scene: Scene, model: Model, entry: Entry, kernels: Kernels) -> Run:
     For where the test function sees no crossing: all orbits of the branch may be on the curve.
     """
     orbit = orbit_of(entry, model, kernels)
-    run = _walk(scene, orbit.problem, orbit.unknowns, scene.range)
+    run = run_on_line(scene, orbit.problem, orbit.unknowns, scene.range)
     place = int(np.argmin(np.max(np.abs(run.points.unknowns - orbit.unknowns), axis=1)))
     told = entry.residual, entry.error, entry.method, details_of(entry)
     return dataclasses.replace(run, events=[Event(entry.kind, run.points[place], *told)])
 
 
-def _walk(scene: Scene, problem: OrbitProblem, start: Array, limits: Range) -> Run:
+def run_on_line(scene: Scene, problem: OrbitProblem, start: Array, limits: Range) -> Run:
     """Follow an orbit both ways, to where its branch becomes an image of itself."""
     about = tests_of(scene, problem), scene.settings
-    return walk_both_ways(problem, start, limits, *about, stop=symmetric_end(problem))
+    run = walk_both_ways(problem, start, limits, *about, stop=symmetric_end(problem))
+    reraise_interruption(run.ends)
+    return run
 
 
 def _orbit_beside(problem: OrbitProblem, unknowns: Array, scene: Scene, limits: Range) -> Array:
@@ -405,17 +407,12 @@ def _gaps(points: Points) -> Array:
     )
 
 
-def _velocities(points: Points) -> Array:
-    problem = points[0].evaluation.problem
-    return np.array([problem.impacts(unknowns)[:, 1] for unknowns in points.unknowns])
-
-
 VANISHING: dict[str, Callable[[Points], Array]] = {
     "FB": partial(_apart_from, 1.0),
     "PD": partial(_apart_from, -1.0),
     "NS": _torus,
     "G": _gaps,
-    "V": _velocities,
+    "V": lambda points: np.array([p.evaluation.problem.impacts(p.unknowns)[:, 1] for p in points]),
 }
 """Values that vanish at events of a kind, along the points of a run: shape (P, values)."""
 
@@ -458,13 +455,6 @@ def crossing_runs(
             problem.kernel_evaluations += there.kernel_evaluations
         if len(runs) == before:
             break
-
-
-def run_on_line(scene: Scene, problem: OrbitProblem, unknowns: Array, limits: Range) -> Run:
-    """Follow an orbit along a line, both ways."""
-    run = _walk(scene, problem, unknowns, limits)
-    reraise_interruption(run.ends)
-    return run
 
 
 def _nearby_orbit(problem: OrbitProblem, guess: Array, limits: Range) -> Array | None:
