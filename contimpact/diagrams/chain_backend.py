@@ -13,7 +13,7 @@ import numpy as np
 from ..arrays import ARRAYS, Array, Containers, Vector
 from ..bifurcations.extended_system import OneOrbit
 from ..continuation.branch import Block
-from ..continuation.step import HEAD, Observe
+from ..continuation.step import HEAD
 from ..models.guards import Row, orders_of
 from ..orbits.cyclic_chain import (
     AT_END,
@@ -42,7 +42,7 @@ from ..segments.kernel import SECTION, Blocks
 from ..segments.oscillation import MOST, ROW
 from ..segments.segment import AT_SECTION, ELSEWHERE
 from ..segments.touches import coordinates
-from .orbit_backend import Functions, OrbitBackend, plainly
+from .orbit_backend import Functions, OrbitBackend, observing, plainly
 
 if TYPE_CHECKING:
     from ..segments.machine_code import Program
@@ -187,7 +187,8 @@ class ChainBackend(OrbitBackend[ChainVectors]):
             return follow_law(law, orbit, wall, z, at, length)
 
         evaluate = plainly(evaluate_chain, self.problem, flight)
-        return evaluate, chain_step, tangent_of_chain, _observing(measure_chain, follow)
+        observe = observing(observe_chain, measure_chain, follow)
+        return evaluate, chain_step, tangent_of_chain, observe
 
     @property
     def dear(self) -> bool:
@@ -260,17 +261,6 @@ class ChainBackend(OrbitBackend[ChainVectors]):
             kernels.whole = False
 
 
-def _observing(measure: Callable[..., Any], follow: Callable[..., int]) -> Observe[ChainVectors]:
-    """What records a point, plainly."""
-
-    def observe(
-        orbit: ChainVectors, z: Vector, tangent: Vector, sign: float, row: Vector, at: int
-    ) -> None:
-        observe_chain(measure, follow, orbit, z, row, at)
-
-    return observe
-
-
 class SectionBackend(ChainBackend):
     """The same for orbits without impacts whose flight is integrated: from the section, which is
     a guard behind all others on no gap coordinate, back to it."""
@@ -331,7 +321,8 @@ class SectionBackend(ChainBackend):
             return -1
 
         evaluate = plainly(evaluate_section, problem, flight, spans)
-        return evaluate, chain_step, tangent_of_chain, _observing(measure_section, follow)
+        observe = observing(observe_chain, measure_section, follow)
+        return evaluate, chain_step, tangent_of_chain, observe
 
     @functools.cached_property
     def variant(self) -> str | None:

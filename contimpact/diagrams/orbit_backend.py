@@ -320,12 +320,8 @@ class CycleBackend(OrbitBackend[OrbitVectors]):
         def breaks(values: Vector, period: float, zeros: Vector) -> list[float] | None:
             return time_zeros(kernels.harmonics(*values), period) if moving else fixed
 
-        def observe(
-            orbit: OrbitVectors, z: Vector, tangent: Vector, sign: float, row: Vector, at: int
-        ) -> None:
-            observe_cycle(breaks, excursion, orbit, z, row, at)
-
         evaluate = plainly(evaluate_cycle, self.problem, kernels.flights)
+        observe = observing(observe_cycle, breaks, excursion)
         return evaluate, newton_step, tangent_of_cycle, observe
 
     @functools.cached_property
@@ -375,6 +371,15 @@ class CycleBackend(OrbitBackend[OrbitVectors]):
 
         assert self.variant is not None
         return program_of(self.problem.kernels, self.variant)
+
+
+def observing(record: Callable[..., None], *of: Callable[..., Any]) -> Observe[Any]:
+    """Return what records points, plainly, by functions such as those that measure gaps."""
+
+    def observe(orbit: Any, z: Vector, tangent: Vector, sign: float, row: Vector, at: int) -> None:
+        record(*of, orbit, z, row, at)
+
+    return observe
 
 
 def plainly(
