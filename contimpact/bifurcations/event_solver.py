@@ -318,15 +318,11 @@ class Solver:
             except (ArithmeticError, ValueError):
                 off[:] = [math.nan] * len(off)
 
-        def eigenvector(system: SystemVectors, arc: ArcVectors, z: Vector) -> bool:
-            return guess_eigenvector(flight, setup, system, z)
-
-        if self.variant == "singular":
-            return evaluated, bounds, eigenvector, lambda system, arc, z: flights_last(system, z)
-        if self.variant == "reached":
-            orbit = functools.partial(guess_orbit, flight, setup)
-            given = evaluated, bounds, lambda system, arc, z: orbit(system, z)
-            return *given, lambda system, arc, z: True
+        if self.variant != "touching":
+            singular = self.variant == "singular"
+            own = functools.partial(guess_eigenvector if singular else guess_orbit, flight, setup)
+            given = evaluated, bounds, lambda system, arc, z: own(system, z)
+            return *given, lambda system, arc, z: not singular or flights_last(system, z)
         moving, along = self.turns == "single", excursion_of(kernels, self.turns != "law")
 
         def breaks(values: Vector, period: float, zeros: Vector) -> Vector:
