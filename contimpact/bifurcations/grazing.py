@@ -323,9 +323,9 @@ class G(Kind):
         if begun is not None:
             return begun.born(here.unknowns)
         there = _orbit_with_touches(event)
-        if there is None:
+        if there is None or not is_same_orbit(there):
             return None
-        longer, unknowns = there
+        longer, unknowns = there.problem, there.unknowns
         if self.sliding(event) == ADDING:
             return interrupted_sliding_start(longer, unknowns, event.details["flight"] + 1)
         start = null_vector_start(longer, unknowns)
@@ -343,11 +343,12 @@ class G(Kind):
         if begun is not None:
             return begun.next_word()
         there = _orbit_with_touches(event)
-        return None if there is None else there[0].word
+        return None if there is None or not is_same_orbit(there) else there.problem.word
 
     def nothing(self, event: OrbitEvent) -> str:
-        begun = onset_of(event.point.evaluation.problem, event.details) is not None
-        if begun or word_with_touches(event) is None or _orbit_with_touches(event) is not None:
+        begun = onset_of(event.point.evaluation.problem, event.details)
+        there = None if begun is not None else _orbit_with_touches(event)
+        if there is None or is_same_orbit(there):
             return super().nothing(event)
         return "nothing starts there: what a touch changes does not vanish with its velocity"
 
@@ -442,51 +443,36 @@ def _last_first(touches: list[tuple[int, str, float]]) -> list[tuple[int, str, f
     return sorted(touches, key=lambda touch: (touch[0], touch[2]), reverse=True)
 
 
-def _orbit_with_touches(event: OrbitEvent) -> tuple[OrbitProblem, Array] | None:
-    """Return the problem of the word with its touches, and the same orbit in it.
-
-    None without such a word, or where a touch is a jump, so that the orbit is none of it.
-    """
-    here: Linearisation = event.point.evaluation
-    problem, rows = here.problem, here.problem.impacts(here.unknowns)
-    word = word_with_touches(event)
-    if word is None:
-        return None
-    for flight, wall, time in _last_first(touches_at(event)):
-        system = TouchingFlight(problem, flight, wall, time)
-        touch = system.touch(system.start(here))
-        letters = _excursion(here, flight, wall, touch) or ""
-        rows = _insert_impacts(
-            rows, flight, _excursion_impacts(problem, here.unknowns, letters, touch)
-        )
-    longer = problem_of(problem.model, word, problem.kernels)
-    unknowns = longer.with_impacts(rows, here.span, here.unknowns)
-    return (longer, unknowns) if is_same_orbit(longer.evaluate(unknowns)) else None
-
-
-def word_with_touches(event: OrbitEvent) -> Word | None:
-    """Return the word of a grazing orbit with its touches counted as impacts.
+def _orbit_with_touches(event: OrbitEvent) -> Linearisation | None:
+    """Return the orbit as one of the word with its touches counted as impacts, which it is none of
+    where a touch is a jump.
 
     None where a touch leads to another mode, and no short way back.
     """
     here: Linearisation = event.point.evaluation
-    word = here.problem.word
-    for touch in _last_first(touches_at(event)):
-        flight, letters = touch[0], _excursion_at(here, *touch)
+    problem, word, rows = here.problem, here.problem.word, here.problem.impacts(here.unknowns)
+    for flight, wall, time in _last_first(touches_at(event)):
+        touch = _touch_as_impact(here, flight, wall, time)
+        letters = _excursion(here, flight, wall, touch)
         if letters is None:
             return None
         word = word.insert(flight, letters)
-    return word
+        added = _excursion_impacts(problem, here.unknowns, letters, touch)
+        rows = _insert_impacts(rows, flight, added)
+    longer = problem_of(problem.model, word, problem.kernels)
+    return longer.evaluate(longer.with_impacts(rows, here.span, here.unknowns))
 
 
 def _own_excursion(event: OrbitEvent) -> str:
     """The impacts that the event's own touch becomes."""
-    return _excursion_at(event.point.evaluation, *(event.details[name] for name in G.needed)) or ""
+    here = event.point.evaluation
+    flight, wall, time = (event.details[name] for name in G.needed)
+    return _excursion(here, flight, wall, _touch_as_impact(here, flight, wall, time)) or ""
 
 
-def _excursion_at(here: Linearisation, flight: int, wall: str, time: float) -> str | None:
+def _touch_as_impact(here: Linearisation, flight: int, wall: str, time: float) -> Array:
     system = TouchingFlight(here.problem, flight, wall, time)
-    return _excursion(here, flight, wall, system.touch(system.start(here)))
+    return system.touch(system.start(here))
 
 
 def _excursion(here: Linearisation, flight: int, wall: str, touch: Array) -> str | None:
