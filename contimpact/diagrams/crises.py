@@ -25,7 +25,7 @@ from ..orbits.quiet import problem_of
 from ..orbits.search import find_orbits, solve_near
 from ..progress import Asked
 from ..results.branch import Branch, Entry, columns_of, orbit_with
-from ..results.diagram import Diagram, entry_of, pairs_of, tabulate
+from ..results.diagram import Diagram, entry_of, pairs_of, tabulate, with_statistics
 from ..results.options import CURVE_SETTINGS, SimulateOptions, tolerance_sizes
 from ..results.scene import Scene
 from ..segments.kernels import Kernels
@@ -384,14 +384,12 @@ def add_crises(diagram: Diagram, found: Sequence[Crisis | NoCrisis]) -> Diagram:
             number = len(diagram.entries) + len(known) + 1
             branches[one.branch] = _with_entry(branches[one.branch], one, f"e{number}")
             known.append(one)
-    statistics = dict(diagram.statistics)
     without = [
         f"{one}, of an orbit on no branch" if isinstance(one, Crisis) else str(one)
         for one in found
         if (one.branch if isinstance(one, Crisis) else one.entry) is None
     ]
-    statistics["notes"] = [*statistics.get("notes", ()), *without]
-    return replace(diagram, branches=list(branches.values()), statistics=statistics)
+    return replace(with_statistics(diagram, without), branches=list(branches.values()))
 
 
 def _with_entry(branch: Branch, crisis: Crisis, name: str) -> Branch:

@@ -30,7 +30,7 @@ from ..orbits.quiet import problem_of
 from ..orbits.search import SAME_ORBIT, Search, mirror_orbit, reduce_period
 from ..progress import Asked, Progress, RememberedProgress, progress_lines, walk_progress
 from ..results.branch import Branch, Entry
-from ..results.diagram import ENDING, INTERRUPTED, Diagram, Limits, failure_of
+from ..results.diagram import ENDING, INTERRUPTED, Diagram, Limits, failure_of, with_statistics
 from ..results.quantities import fill_outputs, output_columns
 from ..results.scene import Scene, load_scene, read_scene
 from ..segments.kernels import Kernels
@@ -137,8 +137,7 @@ def _add_part(
 
 def _cut_short(diagram: Diagram, error: BaseException) -> Diagram:
     """The diagram with what has ended its computation early."""
-    failure = failure_of(error, diagram.branches)
-    return replace(diagram, statistics={**diagram.statistics, "failure": failure})
+    return with_statistics(diagram, failure=failure_of(error, diagram.branches))
 
 
 def _add_crises(scene: Scene, diagram: Diagram, tell: RememberedProgress) -> Diagram:
@@ -165,7 +164,7 @@ def _stopped_at(diagram: Diagram, last: str) -> Diagram:
     stopped = last if failure == INTERRUPTED else f"{failure}, while {last}"
     if before := diagram.statistics.get("stopped"):
         stopped = f"{before}; then {stopped}"
-    return replace(diagram, statistics={**diagram.statistics, "stopped": stopped})
+    return with_statistics(diagram, stopped=stopped)
 
 
 def _with_columns(scene: Scene, diagram: Diagram, tell: RememberedProgress) -> Diagram:

@@ -16,7 +16,7 @@ from ..arrays import Array
 from ..bifurcations.codimension_two import CurveStart
 from ..bifurcations.kind import kind_of, test_functions
 from ..bifurcations.requested import RequestedValues
-from ..continuation.branch import End, EndKind, Event, Point, TestFunction
+from ..continuation.branch import End, EndKind, Event, Point
 from ..continuation.corrector import correct, first_tangent, length
 from ..continuation.settings import Settings
 from ..continuation.walk import Options, reraise_interruption
@@ -40,7 +40,7 @@ from ..results.curve import (
     fixed_text,
     regions,
 )
-from ..results.diagram import ENDING, Diagram, Limits, entry_of, failure_of
+from ..results.diagram import ENDING, Diagram, Limits, entry_of, failure_of, with_statistics
 from ..results.options import CURVE_SETTINGS, CurveOptions, check_range
 from ..results.scene import Scene
 from ..segments.kernels import Kernels
@@ -136,9 +136,12 @@ def follow_codim2(
     limits = [
         check_range(at, n, at.values.get(n, 0.0), r) for n, r in zip(names, ranges, strict=True)
     ]
-    kernels = kernels or Kernels(at, *names)
-    problem, tests, start = _problem(entry, point, at, kernels, limits)
-    special = tests if detect else []
+    here = orbit_at(entry, point, at, kernels or Kernels(at, *names))
+    double = double_of(here, point.kind, kind_of(entry.kind), details_of(entry), point.changes)
+    spans = [high - low for low, high in limits[:-1]]
+    problem = CurveProblem(double.kind, double.system, double.details, spans)
+    start = problem.packed(here.unknowns, double.system.start(here))
+    special = double.tests if detect else []
     found = walk_curve(problem, start, limits, special, values, settings, callback)
     if isinstance(found, End):
         return found
@@ -148,18 +151,6 @@ def follow_codim2(
         return End.of(EndKind.START, third, start[-1], why=why)
     about = problem.kind.name, entry.notation, point.id
     return curve_from_walks(name, problem, found, special, *about)
-
-
-def _problem(
-    entry: Entry, point: Codim2, model: Model, kernels: Kernels, limits: Sequence[Range]
-) -> tuple[CurveProblem, Sequence[TestFunction], Array]:
-    """The problem of a point's curve, what to look for on it, and where it starts."""
-    here = orbit_at(entry, point, model, kernels)
-    orbit = here.unknowns
-    double = double_of(here, point.kind, kind_of(entry.kind), details_of(entry), point.changes)
-    spans = [high - low for low, high in limits[:-1]]
-    curve = CurveProblem(double.kind, double.system, double.details, spans)
-    return curve, double.tests, curve.packed(orbit, double.system.start(here))
 
 
 def orbit_at(entry: Entry, point: Codim2, model: Model, kernels: Kernels) -> Linearisation:
@@ -345,31 +336,33 @@ class _CurveExplorer:
                 self.follow_points(*options.third)
         except ENDING as error:
             failure = failure_of(error, self.branches)
-        statistics = dict(self.diagram.statistics)
-        seconds = statistics.get("seconds", {})
-        statistics["seconds"] = seconds | {"curves": time.perf_counter() - began}
-        statistics["failure"] = failure
-        counts = dict(statistics.get("counts", {}))
-        counts["curve_points"] = sum(len(curve) for curve in self.curves)
-        counts["curve_kernel_evaluations"] = sum(c.evaluations for c in self.curves)
-        counts["family_kernel_evaluations"] = self.evaluations
-        statistics["counts"] = counts
-        limits = self.limits.listed()
-        statistics["notes"] = [*statistics.get("notes", []), *self.notes, *map(str, limits)]
-        loaded = statistics.get("kernels", {"loaded": [], "generated": []})
-        statistics["kernels"] = {
+        known, limits = self.diagram.statistics, self.limits.listed()
+        loaded = known.get("kernels", {"loaded": [], "generated": []})
+        counts = {
+            "curve_points": sum(len(curve) for curve in self.curves),
+            "curve_kernel_evaluations": sum(c.evaluations for c in self.curves),
+            "family_kernel_evaluations": self.evaluations,
+        }
+        kernels = {
             how: [*loaded[how], *(f"{name} (two parameters)" for name in getattr(self.pairs, how))]
             for how in ("loaded", "generated")
         }
-        return dataclasses.replace(
+        diagram = with_statistics(
             self.diagram,
+            [*self.notes, *map(str, limits)],
+            seconds=known.get("seconds", {}) | {"curves": time.perf_counter() - began},
+            counts=known.get("counts", {}) | counts,
+            kernels=kernels,
+            failure=failure,
+        )
+        return dataclasses.replace(
+            diagram,
             branches=self.branches,
             curves=self.curves,
             checks=self.checks or (),
             codim2_curves=self.points or (),
             coverage=self.coverage or (),
-            limits=[*self.diagram.limits, *limits] or (),
-            statistics=statistics,
+            limits=[*diagram.limits, *limits] or (),
         )
 
     def wanted(self, entry: Entry) -> bool:
@@ -693,7 +686,6 @@ class _Member:
         for through in (run_through, run_with):
             run = through(own.scene, there, entry, own.kernels)
             own.evaluations += run.problem.kernel_evaluations
-            reraise_interruption(run.ends)
             self.start_from(run, there)
             if self.covered(entry):
                 return ""
@@ -763,8 +755,6 @@ def add_areas(scene: Scene, diagram: Diagram, progress: Progress | None = None) 
             notes += told
     except ENDING as error:
         failure = failure_of(error, diagram.branches)
-    statistics = dict(diagram.statistics)
-    statistics["seconds"] = statistics["seconds"] | {"areas": time.perf_counter() - began}
-    statistics["notes"] = [*statistics["notes"], *notes]
-    statistics["failure"] = failure
-    return dataclasses.replace(diagram, areas=areas or (), statistics=statistics)
+    seconds = diagram.statistics["seconds"] | {"areas": time.perf_counter() - began}
+    diagram = with_statistics(diagram, notes, seconds=seconds, failure=failure)
+    return dataclasses.replace(diagram, areas=areas or ())

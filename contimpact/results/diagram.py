@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, overload
 
@@ -281,6 +281,13 @@ class Diagram(NotebookResult):
             for b in self.branches
         ]
         return limit_lines(self._head(), rows + [_curve_line(c) for c in self._all_curves])
+
+
+def with_statistics(diagram: Diagram, notes: Iterable[str] = (), **more: Any) -> Diagram:
+    """Return a diagram with further notes, and other statistics in the place of those it has."""
+    known = diagram.statistics
+    notes = [*known.get("notes", ()), *notes]
+    return replace(diagram, statistics={**known, "notes": notes, **more})
 
 
 def _list_events(branch: Branch) -> str:
