@@ -12,7 +12,7 @@ import itertools
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -526,8 +526,7 @@ class BranchCertificate:
 
     def record(self) -> dict[str, Any]:
         """Return the certificate as plain data."""
-        names = [field.name for field in fields(self)]
-        return record(self, (*names, "complete"))
+        return {**record(self), "complete": self.complete}
 
 
 def _percent(share: float) -> str:

@@ -116,9 +116,7 @@ def read_certificates(folder: Path) -> Certificates:
     path = folder / FILE
     content = read_json(path, SCHEMA, "a folder that contimpact certify has written to")
     try:
-        entries = [build_record(EventCertificate, record) for record in content["entries"]]
-        branches = [build_record(BranchCertificate, record) for record in content["branches"]]
-        return build_record(Certificates, {**content, "entries": entries, "branches": branches})
+        return build_record(Certificates, content)
     except DAMAGE as error:
         raise InputError(str(path), f"damaged ({error})", f"give a file of {SCHEMA!r}") from None
 
