@@ -466,7 +466,9 @@ def _transition(
     branches = {branch.id: branch for branch in diagram.branches}
     source, target = branches[grazing.branch], branches[grazing.opens[0]]
     at_once, fold = _begins_stable(target, grazing)
-    doubling = _doubling_before(source, grazing) if not grazing.stable else None
+    # the nearest real period doubling along the branch
+    real = [] if grazing.stable else [e for e in source.events if e.kind == PD.name and not e.ghost]
+    doubling = min(real, key=lambda e: abs(e.arclength - grazing.arclength), default=None)
     doubled = _doubled_branches(diagram, doubling)
     family = {source.id, *(b.id for b in doubled)}
     mechanism = None
@@ -530,12 +532,6 @@ def _doubled_branches(diagram: DiagramSurvey, doubling: Entry | None) -> list[Br
         if born is not None and born.kind == PD.name and born.branch in names:
             names.append(branch.id)
     return [branch for branch in diagram.branches if branch.id in names]
-
-
-def _doubling_before(source: Branch, grazing: Entry) -> Entry | None:
-    """The real period doubling nearest to a grazing along its branch."""
-    doublings = [e for e in source.events if e.kind == PD.name and not e.ghost]
-    return min(doublings, key=lambda e: abs(e.arclength - grazing.arclength), default=None)
 
 
 def sentence_of(unknown: Interval) -> str:
