@@ -172,12 +172,8 @@ class Design:
     def table(self) -> str:
         """Return the optima as CSV: the best, others, and those of each margin."""
         head = ["is", "margin", self.output, "word", *self.names, "settled", "limited_by"]
-        best = [] if self.best is None else [("best", self.best)]
-        named = [
-            *best,
-            *(("other", o) for o in self.others),
-            *(("margin", o) for o in self.trade_off),
-        ]
+        best = [] if self.best is None else [self.best]
+        groups = {"best": best, "other": self.others, "margin": self.trade_off}
         rows = [
             (
                 what,
@@ -188,7 +184,8 @@ class Design:
                 one.settled,
                 one.limited_by,
             )
-            for what, one in named
+            for what, group in groups.items()
+            for one in group
         ]
         rows += [("failed", *[""] * (len(head) - 2), text) for text in self.failed]
         if self.interrupted:
