@@ -48,7 +48,9 @@ def _is_repeated_grazing(space: BallProblem, box: Balls, inner: Balls, impact: i
     wall, alone = problem.word.walls[impact], len(problem.word) == 1
     once, times = Word("", 1), problem.word.period
     if not alone:
-        once, times = _primitive_word(problem.word.drop(impact))
+        longer = problem.word.drop(impact)
+        once = next(iter(longer.repeated()), longer)
+        times = len(longer) // len(once)
     if times == 1 or not (problem.model.guard(wall).rigid if alone else problem.paired):
         return False
     base = BallProblem(problem_of(problem.model, once, problem.kernels), space.bits)
@@ -69,15 +71,6 @@ def _is_repeated_grazing(space: BallProblem, box: Balls, inner: Balls, impact: i
     system, own = base.grazing(z, {"flight": flight, "wall": wall, "touch_time": time})
     found = prove_zero(base, system, [*z.tolist(), own[0], *others])
     return found is not None and _same_at_rest(base, found[1], times, box, impact)
-
-
-def _primitive_word(word: Word) -> tuple[Word, int]:
-    """A word as another one that is repeated, and how often."""
-    for times in range(len(word), 1, -1):
-        part, left = divmod(len(word), times)
-        if not left and word.period % times == 0 and word.walls == word.walls[:part] * times:
-            return Word(word.walls[:part], word.period // times), times
-    return word, 1
 
 
 def _same_at_rest(base: BallProblem, z: Balls, times: int, box: Balls, impact: int) -> bool:
