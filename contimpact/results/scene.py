@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from ..bifurcations.declarations import (
     CONTINUED,
@@ -69,8 +69,6 @@ if TYPE_CHECKING:
     from ..models.machine import Machine
     from ..models.stated_modes import StatedModes
 
-
-T = TypeVar("T")
 
 SCENE_SETTINGS = Settings(max_step=0.03)
 """Numerics of a scene that says nothing else; steps short enough for a smooth picture."""
@@ -455,15 +453,10 @@ def _written_outputs(outputs: Sequence[Output]) -> dict[str, Any]:
     }
 
 
-def _forced(asked: T, where: str, here: Any, why: str, accepted: str) -> T:
-    """What a table asks for, which is refused for a system without forcing."""
-    require_forcing(here.model, where, why, accepted)
-    return asked
-
-
 def _simulate(asked: SimulateOptions, where: str, here: Any) -> SimulateOptions:
     accepted = "leave it out; Simulator computes single motions"
-    return _forced(asked, where, here, "attractors are told by", accepted)
+    require_forcing(here.model, where, "attractors are told by", accepted)
+    return asked
 
 
 def _energy(asked: Membrane, where: str, here: Any) -> Membrane:
@@ -474,8 +467,8 @@ def _energy(asked: Membrane, where: str, here: Any) -> Membrane:
 
 
 def _certify(asked: CertifyOptions, where: str, here: Any) -> CertifyOptions:
-    asked = replace(asked, events=here.events)
-    return _forced(asked, where, here, "proofs are for", "leave it out")
+    require_forcing(here.model, where, "proofs are for", "leave it out")
+    return replace(asked, events=here.events)
 
 
 @dataclass(frozen=True, kw_only=True)
