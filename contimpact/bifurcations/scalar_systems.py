@@ -130,34 +130,36 @@ def evaluate_orbit(
         if k + 1 == count:  # the arrival at t_1 + pT moves with T
             f0, f1 = f0 + drift * b[0], f1 + other * b[0]
             f2, f3 = f2 + drift * b[2], f3 + other * b[2]
-        keep_block(system.blocks[k], r, a, b, f0, f1, f2, f3)
+        block = system.blocks[k]
+        block[0], block[1] = r[0], r[1]
+        block[2], block[3], block[4], block[5] = a[0], a[1], a[2], a[3]
+        block[6], block[7], block[8], block[9] = b[0], b[1], b[2], b[3]
+        block[10], block[11], block[12], block[13] = f0, f1, f2, f3
         system.residual[i], system.residual[i + 1] = r[0], r[1]
-        put_flight(system.jacobian, i, i, j, n, last, system.blocks[k])
+        put_flight(system.jacobian, i, i, j, n, last, a, b, (f0, f1, f2, f3))
     return span, drift, other
 
 
-def keep_block(
-    row: Vector, r: Vector, a: Vector, b: Vector, f0: float, f1: float, f2: float, f3: float
-) -> None:
-    """Fill the row of a flight."""
-    row[0], row[1] = r[0], r[1]
-    row[2], row[3], row[4], row[5] = a[0], a[1], a[2], a[3]
-    row[6], row[7], row[8], row[9] = b[0], b[1], b[2], b[3]
-    row[10], row[11], row[12], row[13] = f0, f1, f2, f3
-
-
 def put_flight(
-    table: Table, i: int, start: int, end: int, first: int, second: int, block: Vector
+    table: Table,
+    i: int,
+    start: int,
+    end: int,
+    first: int,
+    second: int,
+    a: Vector,
+    b: Vector,
+    free: Vector,
 ) -> None:
     """Add a flight to two rows of the Jacobian, given the columns of its ends and parameters."""
     for half in range(2):
         row, at = table[i + half], 2 * half
-        row[start] += block[2 + at]
-        row[start + 1] += block[3 + at]
-        row[end] += block[6 + at]
-        row[end + 1] += block[7 + at]
-        row[first] += block[10 + at]
-        row[second] += block[11 + at]
+        row[start] += a[at]
+        row[start + 1] += a[at + 1]
+        row[end] += b[at]
+        row[end + 1] += b[at + 1]
+        row[first] += free[at]
+        row[second] += free[at + 1]
 
 
 def evaluate_singular(
@@ -180,14 +182,9 @@ def evaluate_singular(
             system.kinds[k], z[i], z[i + 1], arrival, z[j + 1], q0, q1, p0, p1, system.values
         )
         block = system.blocks[k]
+        put_flight(system.jacobian, n + i, i, j, n, last, a, b, free)
         for half in range(2):
             row, at = system.jacobian[n + i + half], 2 * half
-            row[i] += a[at]
-            row[i + 1] += a[at + 1]
-            row[j] += b[at]
-            row[j + 1] += b[at + 1]
-            row[n] += free[at]
-            row[last] += free[at + 1]
             if k + 1 == count:
                 row[n] += b[at] * drift
                 row[last] += b[at] * other
