@@ -193,10 +193,11 @@ class Run(ParameterItems, NotebookResult):
 
     def states(self) -> list[State]:
         """Return the rows as states."""
-        columns = [self.walls, self.phases, self.velocities, self.turns]
-        if not self.held.size:
-            return [State(*row) for row in _rows(columns)]
-        return states_of([*columns, self.others, self.held, self.released])
+        others, held, n = self.others, self.held, len(self.walls)
+        if not held.size:
+            others, held = np.empty((n, 0)), np.zeros(n, dtype=np.int64)
+        own = [self.walls, self.phases, self.velocities, self.turns]
+        return states_of([*own, others, held, self.released])
 
     @property
     def word(self) -> str:

@@ -336,6 +336,7 @@ def test_chatter_on_the_bottom_sticks_and_is_released(pair, simulator_of):
     exact = math.acos(-gbar) / math.pi
     assert np.max(np.abs(run.phases[run.released] - exact)) < 1e-15
     assert set(run.walls[run.released].tolist()) == {0}
+    assert [state.released for state in run.states()] == run.released.tolist()
 
 
 def test_a_ball_pressed_for_ever_rests(pair, simulator_of):
