@@ -122,17 +122,23 @@ NEAR_LIMIT = 1e-9
 """A test function smaller than this part of its value one step before may vanish on a limit."""
 
 
-def check(start: Array, direction: int, limits: tuple[float, float]) -> None:
-    """Raise `InputError` for a range that is none or does not hold the start."""
+ON_LIMIT = 1e-9
+"""Part of the range by which a start beyond a limit, as an event found there, lies on it."""
+
+
+def checked(start: Array, direction: int, limits: tuple[float, float]) -> Array:
+    """Return the start within the range; `InputError` if this is none or does not hold it."""
     low, high = limits
     if direction not in (1, -1):
         raise InputError("direction", f"found {direction!r}", "give +1 or -1")
     if not (np.isfinite(low) and np.isfinite(high) and low < high):
         raise InputError("limits", f"found ({low}, {high})", "give two finite numbers, low < high")
     require_width(low, high, "limits")
-    if not low <= start[-1] <= high:
+    slack = ON_LIMIT * (high - low)
+    if not low - slack <= start[-1] <= high + slack:
         found = f"they do not hold the start, {start[-1]:.12g}"
         raise InputError("limits", found, "start within the limits")
+    return np.append(start[:-1], np.clip(start[-1], low, high))
 
 
 def guess_on_limit(step: Arc, limits: tuple[float, float]) -> Array:
@@ -403,10 +409,9 @@ def walk(
         A `KeyboardInterrupt` that holds what was walked until then.
     """
     settings = settings or Settings()
-    start = np.asarray(start, dtype=float)
     for policy in policies:
         limits = policy.limits(limits)
-    check(start, direction, limits)
+    start = checked(np.asarray(start, dtype=float), direction, limits)
     ending = [p for p in policies if type(p).accepted is not Policy.accepted]
     backend, watching = backend or DenseBackend(problem), (callback, progress, ending, branching)
     walker = _Walker(problem, backend, parameter, limits, list(tests), settings, *watching)

@@ -24,6 +24,7 @@ from contimpact.continuation.branch import (
 from contimpact.continuation.settings import Settings
 from contimpact.continuation.step import DenseBackend
 from contimpact.continuation.walk import OUTGROWN, Policy, walk
+from contimpact.errors import InputError
 
 EPSILON = float(np.finfo(float).eps)
 
@@ -197,6 +198,14 @@ def test_ends_of_the_range_are_hit_exactly(slope, limits, direction):
     assert found.points[-1].unknowns[0] == pytest.approx(slope * limit, rel=1e-14)
     parameters = [point.parameter for point in found.points]
     assert parameters == sorted(parameters, reverse=direction < 0)
+
+
+def test_a_start_beyond_a_limit_by_rounding_lies_on_it():
+    """As an event there: a branch born at A = 10.000000000000012 ended the whole diagram."""
+    found = follow(line(1.0), [1.0, 1.0 + 1e-14], -1, limits=(0.0, 1.0))
+    assert [found.points[i].parameter for i in (0, -1)] == [1.0, 0.0]
+    with pytest.raises(InputError, match="do not hold the start"):
+        follow(line(1.0), [1.0, 1.0 + 1e-8], -1, limits=(0.0, 1.0))
 
 
 def test_both_directions_join_into_one_run():
