@@ -490,7 +490,7 @@ def sticking_cycle(simulator: Simulator, run: Run) -> tuple[Cycle, float] | None
     for first in earlier[apart < NEAR][::-1][:1].tolist():
         rows = run.states()[first : last + 1]
         mus = tuple(mu if abs(mu) > NOTHING else 0j for mu in _multipliers(simulator, rows))
-        if abs(mus[0]) < 1.0:
+        if abs(mus[0]) < 1.0 and not rounding_fills(simulator, rows):
             miss = float(states_apart(table[[first]] - table[last], _sizes(run))[0])
             period = rows[-1].turns - rows[0].turns
             if abs(rows[-1].phase - rows[0].phase) > 0.5 * run.period:
@@ -516,19 +516,22 @@ def _cycle_of_releases(simulator: Simulator, run: Run) -> tuple[Cycle, float] | 
 
 
 def rounding_fills(simulator: Simulator, states: Sequence[State]) -> bool:
-    """Return whether rounding grows to all of a motion between two releases, which forget it."""
-    sections = np.array([state.section for state in states])
-    sizes = own_sizes(sections, simulator.period)
-    limit, product = NEAR / UNIT, np.eye(len(sizes))
+    """Return whether rounding grows to all of a motion, of one coordinate between two releases,
+    which forget it."""
+    sizes = own_sizes(np.array([state.section for state in states]), simulator.period)
+    limit, one = NEAR / UNIT, np.eye(len(sizes))[None]
+    products = one
     for before, after in itertools.pairwise(states):
-        if before.released:
-            product = np.eye(len(sizes))
+        if before.released and len(sizes) == 2:
+            products = one
             continue
         with np.errstate(all="ignore"):
-            product = simulator.derivative(before, after) @ product
-            size = float(np.max(np.abs(product * sizes / sizes[:, None])))
-        if limit < size < math.inf:
+            products = simulator.derivative(before, after) @ products
+            largest = np.max(np.abs(products * sizes / sizes[:, None]), axis=(1, 2))
+        if np.any((limit < largest) & (largest < math.inf)):
             return True
+        if before.released:
+            products = np.concatenate([products, one])
     return False
 
 

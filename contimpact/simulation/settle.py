@@ -755,8 +755,8 @@ def _unsettled_motion(
         return periodic(simulator, *sticking, periods=periods)
     found = exponents_of(simulator, state, run)
     is_complex = found.per_impact[0] > 3.0 * found.error
-    if run.released.any() and not run.held.size:
-        is_complex = rounding_fills(simulator, run.states())
+    if run.released.any():
+        is_complex = is_complex or rounding_fills(simulator, run.states())
     rate = found.impacts / found.periods
     shares = [np.count_nonzero(run.walls == k) / len(run) for k in range(len(simulator.letters))]
     last = slice(-KEPT, None)

@@ -593,6 +593,21 @@ def test_a_cycle_that_rounding_makes_is_none(s, kind, notation):
     assert (found.kind.value, found.notation) == (kind, notation)
 
 
+def test_a_cycle_that_rounding_makes_is_none_in_stated_machines():
+    """A ball on a table that moves in two harmonics first sticks again after 690 periods in 16
+    digits, 5202 in 30 and 687 in 60: the motion between is chaotic, not of period 3911."""
+    height = "-g + a*w**2*cos(w*t) + 4*b*w**2*cos(2*w*t + phi)"
+    machine = {"coordinates": ["y"], "mass": [1], "force": [height], "period": "2*pi/w"}
+    guards = {"F": {"within": "y >= 0", "restitution": 0.8}}
+    values = {"g": 9.81, "a": 0.01, "b": 0.002, "w": 80.0, "phi": 0.5}
+    model = {"system": "linear", **machine, "guards": guards, "parameters": values}
+    follow = {"parameter": "w", "range": [20.0, 80.0], "orbits": ["F"]}
+    ball = read_scene({"name": "ball", "model": model, "follow": follow}).model
+    simulator = Simulator(ball)
+    found = settle(simulator, simulator.state("F", time=0.03, velocity=-0.5))
+    assert (found.kind.value, found.notation) == ("complex", "(1)/3T/C")
+
+
 # Turning points that are not looked for
 
 
