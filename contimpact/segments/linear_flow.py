@@ -183,7 +183,7 @@ def choose_units(d: int, h: int, numbers: Sequence[float] | Vector, scales: Vect
     for i in range(d * n + h):
         if not abs(numbers[i]) < math.inf:
             return False
-    balance_coordinates(d, n, numbers, scales)
+    balance_coordinates(d, h, numbers, scales)
     stiffness, damping, waves = 0.0, 0.0, 0.0
     for i in range(d):
         for k in range(d):
@@ -209,22 +209,37 @@ def choose_units(d: int, h: int, numbers: Sequence[float] | Vector, scales: Vect
     return True
 
 
-def balance_coordinates(d: int, n: int, numbers: Sequence[float] | Vector, scales: Vector) -> None:
+def balance_coordinates(d: int, h: int, numbers: Sequence[float] | Vector, scales: Vector) -> None:
     """Fill in the units of positions: one, unless what two coordinates do to each other is so
-    unlike that their units are, as those of a position and a velocity in metres and seconds."""
+    unlike that their units are, as those of a position and a velocity in metres and seconds.
+
+    Where one acts on others alone, or they on it alone, its unit is the size of what forces and
+    other coordinates do to it at the rates there are.
+    """
+    n, rate = 2 * d + 2 * h + 1, 0.0
     for i in range(d):
         scales[i] = 1.0
+        rate = max(rate, math.sqrt(abs(numbers[n * i + i])), abs(numbers[n * i + d + i]))
+    for i in range(h):
+        rate = max(rate, abs(numbers[d * n + i]))
     for i in range(d * d):
         own = i % d
-        taken, given = 0.0, 0.0
+        taken, given, size = 0.0, 0.0, 0.0
         for k in range(d):
             if k != own:
                 unit = scales[k] / scales[own]
                 by, to = n * own + k, n * k + own
                 taken = max(taken, max(abs(numbers[by]), abs(numbers[by + d])) * unit)
                 given = max(given, max(abs(numbers[to]), abs(numbers[to + d])) / unit)
+                size = max(size, (abs(numbers[by]) + abs(numbers[by + d]) * rate) * scales[k])
         if taken > UNLIKE * given > 0.0 or given > UNLIKE * taken > 0.0:
             scales[own] *= power_of_two(math.sqrt(taken / given))
+        elif (taken == 0.0 or given == 0.0) and rate > 0.0:
+            for j in range(2 * d, n):
+                size = max(size, abs(numbers[n * own + j]))
+            size /= rate * rate
+            if size > 1.4 * scales[own] or 0.0 < size < 0.7 * scales[own]:
+                scales[own] = power_of_two(size)
 
 
 def power_of_two(size: float) -> float:

@@ -382,3 +382,29 @@ def test_errors_of_events_do_not_depend_on_the_unit_of_length():
     for (kind, value, error), (same, there, off) in zip(*events, strict=True):
         assert (same, there) == (kind, pytest.approx(value, abs=1e-13))
         assert 0.3 * error < off < 3.0 * error
+
+
+def test_events_of_coordinates_coupled_one_way_do_not_depend_on_their_units():
+    """In micrometres beside kilometres flights took 1e9 turns, and errors were beside the larger
+    unit: the first coordinate is an oscillator of its own."""
+    damping = [["0.1", 0], ["-0.3*w/u", "0.2"]]
+    stiffness = [[1, 0], ["-0.5*w/u", 2.3]]
+    machine = {"coordinates": ["x", "y"], "mass": [1, 1], "damping": damping}
+    machine |= {"stiffness": stiffness, "force": ["0.8*u*cos(om*t)", "0.1*w*sin(om*t)"]}
+    guards = {"A": {"within": "x <= 0.4*u", "restitution": 0.7}}
+    values = {"u": 1e-6, "w": 1e3, "om": 1.3}
+    model = {"system": "linear", **machine, "period": "2*pi/om", "guards": guards}
+    follow = {"parameter": "om", "range": [0.9, 1.9], "orbits": ["A"]}
+    scene = {"name": "two units", "model": {**model, "parameters": values}, "follow": follow}
+    alone = ci.Oscillator(a=0.8, omega=1.3, c=0.1, k=1.0, sigma=0.4, r=0.7)
+    orbits = [
+        ci.find_orbits(machine, "A" if name == "om" else "S", parameter=name)
+        for machine, name in ((read_scene(scene).model, "om"), (alone, "omega"))
+    ]
+    values = []
+    for found, name in zip(orbits, ("om", "omega"), strict=True):
+        branch = continue_orbit(found[0], name, range=(0.9, 1.9), events=["PD"])
+        values.append([(event.value, event.error) for event in branch.events])
+    (found, error), *_ = values[0]
+    assert error < 1e-12
+    assert found == pytest.approx(values[1][0][0], abs=1e-13)

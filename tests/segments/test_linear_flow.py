@@ -14,10 +14,16 @@ from contimpact.errors import InputError
 from contimpact.models.linear import Linear, harmonics_of
 from contimpact.models.model import Formulas
 from contimpact.segments import linear_flow
-from contimpact.segments.bounded import BOUNDED, BoundedNumber, many_digits
+from contimpact.segments.bounded import BOUNDED, UNIT, BoundedNumber, many_digits
 from contimpact.segments.kernel import flat
 from contimpact.segments.kernels import Kernels
-from contimpact.segments.linear_flow import Shape, flow, flow_of_arrays, flow_of_series
+from contimpact.segments.linear_flow import (
+    Shape,
+    flow,
+    flow_of_arrays,
+    flow_of_series,
+    rounding_scale,
+)
 from contimpact.segments.segment import evaluate_in
 from contimpact.segments.track import Pieces
 
@@ -126,6 +132,26 @@ def test_a_larger_force_gives_the_same_flight_in_larger_units():
     assert (found * scale).tolist() == other.tolist()
     means = [Pieces(Shape(2, 1, 0), given, 4.0).mean for given in (numbers, larger)]
     assert (means[0][:4] * scale).tolist() == means[1][:4].tolist()
+
+
+def test_coordinates_coupled_one_way_have_units_of_their_own():
+    """In other units of one that only gives and one that only takes no digit changes, and what they
+    are rounded beside changes as they do: each is exact to a part of it, and of its own size."""
+    units = np.array([2.0**-20, 2.0**30])
+    by, pushes = units[:, None] / units, np.array([[0.8, 0.0, 0.0], [0.0, 0.1, 0.0]])
+    k, c = np.array([[1.0, 0.0], [-0.5, 2.3]]), np.array([[0.1, 0.0], [-0.3, 0.2]])
+    given = numbers_of(k, c, pushes, [1.3])
+    other = numbers_of(k * by, c * by, pushes * units[:, None], [1.3])
+    shape = Shape(2, 1, 0)
+    tables = [np.array(flow(*shape, 4.0, *numbers)) for numbers in (given, other)]
+    beside = [rounding_scale(*shape, *both) for both in zip((given, other), tables, strict=True)]
+    back = (units[:, None] / [*units, *units, 1.0, 1.0, 1.0] * np.ones((4, 1, 1))).ravel()
+    assert (tables[0] * back).tolist() == tables[1].tolist()
+    assert (beside[0] * back).tolist() == beside[1].tolist()
+    off = np.abs(tables[1] - exact(shape, 4.0, other).ravel())
+    assert np.all(off <= 4.0 * UNIT * beside[1])
+    found = tables[1] != 0.0
+    assert np.all(beside[1][found] < 300.0 * np.abs(tables[1][found]))
 
 
 def test_a_flight_that_turns_too_often_is_refused_at_the_model():
