@@ -246,7 +246,8 @@ GROWTH = 10.0
 of three systems, where the period of one grows without bound."""
 
 STILL = 1e-13
-"""A change of the parameter within a step, as part of it, with which its value is known."""
+"""A change of the parameter, as part of it, with which its value is known: within a step, or, of a
+short one, while the period grows by the shortest one."""
 
 LONG = 1.5
 """Factor by which a period has grown that grows without bound."""
@@ -287,11 +288,11 @@ class FreePeriodEnds(Policy):
         would end the walk where a processor has it.
         """
         here, problem = point.evaluation, self.problem
-        longer = here.span > before.evaluation.span
+        grown = here.span - before.evaluation.span
         self.shortest = min(self.shortest, here.span)
-        longer = longer and here.span > LONG * self.shortest
-        step = point.parameter - before.parameter
-        still = before is not point and abs(step) < STILL * abs(point.parameter)
+        longer = grown > 0.0 and here.span > LONG * self.shortest
+        step = abs(point.parameter - before.parameter) * self.shortest
+        still = step < STILL * abs(point.parameter) * min(grown, self.shortest)
         self.sound -= 1
         if self.sound > 0 and not (longer and still):
             return None

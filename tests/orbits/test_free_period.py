@@ -912,3 +912,23 @@ def test_a_follower_leaves_its_cam_from_where_the_contact_has_no_force_on():
     assert branch.events[-1].value == pytest.approx(onset, abs=1e-13)
     leaves = (branch["v1"] < 0.0) & (branch["w"] > onset + 1e-8)
     assert branch["physical"][leaves].all()
+
+
+def test_small_steps_are_no_parameter_that_changes_no_more():
+    """In steps of 1e-12 a walk to a homoclinic orbit, at g = 0.462407084054923 by closed forms of
+    the saddle's manifolds, was said to have reached it at 0.462443981."""
+    rate = {"left": "x + mu - g*y", "right": "-4*x + 0.3*y + mu"}
+    modes = {mode: {"x": "y", "y": law} for mode, law in rate.items()}
+    guards = {
+        "R": {"mode": "left", "within": "x <= 0", "to": "right"},
+        "L": {"mode": "right", "within": "x >= 0", "to": "left"},
+    }
+    values = {"mu": 0.1, "g": 0.9}
+    model = {"system": "hybrid", "period": 6, "modes": modes, "guards": guards}
+    follow = {"parameter": "g", "range": [0.01, 1.0], "orbits": ["RL"]}
+    scene = {"name": "loop", "model": {**model, "parameters": values}, "follow": follow}
+    (orbit,) = ci.find_orbits(ci.read_scene(scene).model, "RL", parameter="g", starts=32)
+    small = ci.Settings(max_step=0.05, min_step=1e-12)
+    branch = ci.continue_orbit(orbit, "g", (0.01, 1.0), events=[], settings=small)
+    assert branch["g"].min() == pytest.approx(0.462407084054923, abs=1e-4)
+    assert "changes no more" not in branch.ends[0].message
