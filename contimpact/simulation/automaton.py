@@ -209,6 +209,8 @@ class Automaton:
             held = state.held & ~self._moved(found, state.held) & self._holdable[state.wall]
             if self._comes_to_rest(state, found, held):
                 held |= 1 << state.wall
+            elif held != state.held:
+                held = self._come_to_rest_together(state, found) or held
         return self.flying(state.wall, held).resting(found), held
 
     def _moved(self, after: Array, held: int) -> int:
@@ -221,26 +223,42 @@ class Automaton:
     def _comes_to_rest(self, state: State, after: Array, held: int) -> bool:
         """Whether the impacts that follow are so short that what is left of them is known."""
         wall, free = state.wall, self.flying(state.wall, held)
-        rest = self._rest(
-            state, float(self.rows[wall] @ free.rate(free.resting(after))[self.size :])
-        )
+        acceleration = float(self.rows[wall] @ free.rate(free.resting(after))[self.size :])
+        speed = self.restitution[wall] * abs(state.velocity)
+        rest = self._rest(wall, speed, acceleration)
+        return self._stays_held(wall, after, held | 1 << wall, rest)
+
+    def _come_to_rest_together(self, state: State, after: Array) -> int:
+        """The walls held until an impact that moves the system off or against them, and its own, if
+        impacts on all of these in turn are so short; zero if they are not."""
+        d, own = self.size, 1 << state.wall
+        walls, rest = state.held & self._holdable[state.wall] | own, 0.0
+        for k, row in enumerate(self.rows):
+            if walls >> k & 1:
+                others = self.flying(state.wall, walls & ~(1 << k))
+                acceleration = float(row @ others.rate(others.resting(after))[d:])
+                speed = abs(float(row @ after[d : 2 * d]))
+                rest = max(rest, self._rest(k, speed, acceleration))
+        return walls if self._stays_held(state.wall, after, walls, rest) else 0
+
+    def _stays_held(self, wall: int, after: Array, held: int, rest: float) -> bool:
+        """Whether impacts that take so long are short, and leave walls that stay held."""
         if not rest <= SHORT * self.period:
             return False
-        motion = self.flying(wall, held | 1 << wall)
+        motion = self.flying(wall, held)
         begin, length = motion.resting(after), SHORTEST * self.period
         released = motion.release(motion.track(begin, length), begin)
         return released is None or (released[0] > 0.0 and rest <= EARLY * released[0])
 
-    def _rest(self, state: State, acceleration: float) -> float:
+    def _rest(self, wall: int, speed: float, acceleration: float) -> float:
         """The time in which impacts accumulate on a wall; infinite if they do not.
 
-        It takes the acceleration of the gap coordinate.
+        It takes the speed after the first one, and the acceleration of the gap coordinate.
         """
-        guard, e = self.guards[state.wall], self.restitution[state.wall]
-        force = guard.side * acceleration
-        if not self._is_wall(state.wall) or e >= 1.0 or not force > 0.0:
+        e, force = self.restitution[wall], self.guards[wall].side * acceleration
+        if not self._is_wall(wall) or e >= 1.0 or not force > 0.0:
             return math.inf
-        return 2.0 * e * abs(state.velocity) / (force * (1.0 - e))
+        return 2.0 * speed / (force * (1.0 - e))
 
     def _accumulates(self, state: State) -> bool:
         """Whether impacts accumulate on a wall that cannot be held."""
@@ -248,7 +266,8 @@ class Automaton:
             return False
         motion = self.kernels.motion(self.guards[state.wall].name)
         acceleration = motion(state.phase, *state.section, 0.0, *self.values)[2]
-        return self._rest(state, float(acceleration)) <= SHORT * self.period
+        speed = self.restitution[state.wall] * abs(state.velocity)
+        return self._rest(state.wall, speed, float(acceleration)) <= SHORT * self.period
 
     @np.errstate(over="ignore", invalid="ignore")
     def next(self, state: State, fastest: float = math.inf) -> State | Outcome:

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 from zoo import TWO_MASSES, ProportionalMasses
 
 from contimpact import losses
@@ -392,3 +393,32 @@ def test_two_that_hit_and_part_at_once_move_as_one(w, s, r, word):
         assert alone[k].velocity == pytest.approx(row.velocity, abs=1e-12)
     found = settle(both, start, QUICK)
     assert (found.word, found.period) == (word, 1)
+
+
+def test_two_balls_that_come_to_rest_on_each_other_together():
+    """The upper one pushes the lower one into the table, which it leaves for the next impact: in
+    ever shorter turns, which did not end. Both rest, then, until the table falls away from under
+    them, and fly as one until they meet it."""
+    weight = "-g + a*w**2*cos(w*t)"
+    machine = {"coordinates": ["y", "z"], "mass": [1, "m"], "period": "2*pi/w"}
+    machine["force"] = [weight, f"m*({weight})"]
+    guards = {"F": {"within": "y >= 0", "restitution": 0.5}}
+    guards["C"] = {"within": "z - y >= 0", "restitution": 0.6}
+    values = {"g": 1.0, "a": 1.0, "w": 2.8, "m": 0.5}
+    model = {"system": "linear", **machine, "guards": guards, "parameters": values}
+    follow = {"parameter": "w", "range": [1.0, 4.0], "orbits": ["FC"]}
+    scene = read_scene({"name": "column", "model": model, "follow": follow})
+    simulator = Simulator(scene.model)
+    run = simulator.run(simulator.state("F", 0.9, -0.01, [1e-3, -0.01]), impacts=300)
+    release = next(k for k, row in enumerate(run.states()) if row.released and row.held == 3)
+    begin = (2.0 * math.pi - math.acos(1.0 / 2.8**2)) / 2.8
+    assert run.phases[release] == pytest.approx(begin, abs=1e-13)
+
+    def height(t):
+        return -0.5 * t * t - math.cos(2.8 * t), -t + 2.8 * math.sin(2.8 * t)
+
+    (y, v), rise = height(begin), lambda t: height(t)[0] - y - v * (t - begin)
+    meeting = brentq(rise, begin + 5.0, begin + 6.5, xtol=1e-15)
+    hit = release + int(np.argmax(run.velocities[release:] < -1e-3))
+    assert run.times[hit] - run.times[release] == pytest.approx(meeting - begin, abs=1e-12)
+    assert run.velocities[hit] == pytest.approx(height(meeting)[1] - v, abs=1e-12)
