@@ -517,7 +517,7 @@ def _cycle_of_releases(simulator: Simulator, run: Run) -> tuple[Cycle, float] | 
 
 def rounding_fills(simulator: Simulator, states: Sequence[State]) -> bool:
     """Return whether rounding grows to all of a motion, of one coordinate between two releases,
-    which forget it."""
+    which forget it. A flight that alone does so ends with a touch, on which nothing depends."""
     sizes = own_sizes(np.array([state.section for state in states]), simulator.period)
     limit, one = NEAR / UNIT, np.eye(len(sizes))[None]
     products = one
@@ -526,10 +526,14 @@ def rounding_fills(simulator: Simulator, states: Sequence[State]) -> bool:
             products = one
             continue
         with np.errstate(all="ignore"):
-            products = simulator.derivative(before, after) @ products
-            largest = np.max(np.abs(products * sizes / sizes[:, None]), axis=(1, 2))
-        if np.any((limit < largest) & (largest < math.inf)):
+            step = simulator.derivative(before, after) * sizes / sizes[:, None]
+            grown = step @ products
+        if not np.max(np.abs(step)) < limit:
+            products = one
+            continue
+        if np.max(np.abs(grown)) > limit:
             return True
+        products = grown
         if before.released:
             products = np.concatenate([products, one])
     return False
