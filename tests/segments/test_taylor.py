@@ -177,6 +177,7 @@ def test_the_rounding_of_a_flight_of_very_many_steps_is_by_heyoka(kernel_cache, 
     found = np.array(integrator(field, (directions,))(numbers))
     usual = rounding_scale(field, directions, numbers, found)
     monkeypatch.setattr(taylor, "SOME_STEPS", 5)
+    monkeypatch.setattr(taylor, "MOST_STEPS", 5)
     monkeypatch.setattr(taylor, "FLOWN", "flown in five steps")
     assert np.isnan(run_flights(field, directions, np.array([numbers]))).all()
     assert rounding_scale(field, directions, numbers, found) == pytest.approx(usual, rel=20.0)
@@ -209,6 +210,7 @@ def test_flights_that_are_compared_with_the_force_are_heyokas_by_compiled_code(
         monkeypatch.setenv("CONTIMPACT_COMPILED", mode)
         monkeypatch.setattr(taylor, "SOME_STEPS", most)
         if most == 2:
+            monkeypatch.setattr(taylor, "MOST_STEPS", most)
             compiling._LOADED.clear()
             monkeypatch.setattr(taylor, "FLOWN", "flown in two steps")
         integrated_flight._flown.cache_clear()
