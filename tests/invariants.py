@@ -237,7 +237,8 @@ def check_product(branch):
     Next to a zero velocity one of them is so large that the other is lost in rounding, and so it
     is where r itself is as small as rounding. An orbit is one up to its residual, by which
     velocities are off, and the product by as large a part as that is of the smallest after an
-    impact: of r times that before. Where no digit of that one is known, none of the product is.
+    impact: of r times that before. Where no digit of it, or of the lesser multiplier, is known,
+    none of the product is.
     """
     restitution = {w: branch[f"r_{w}" if f"r_{w}" in branch.columns else "r"] for w in "BT"}
     if min(np.min(r) for r in restitution.values()) < ROUNDING:
@@ -245,8 +246,10 @@ def check_product(branch):
     exact = np.prod([restitution[wall] ** 2 for wall in branch.word], axis=0)
     known = np.all(np.isfinite(branch.multipliers), axis=1)
     known &= np.min(np.abs(branch.velocities), axis=1) > branch["residual"]
+    lost = 64.0 * np.finfo(float).eps * np.max(np.abs(branch.multipliers), axis=1)
+    known &= lost < 0.1
     multipliers, exact = branch.multipliers[known], exact[known]
-    slack = 1e-9 + 64.0 * np.finfo(float).eps * np.max(np.abs(multipliers), axis=1)
+    slack = 1e-9 + lost[known]
     slowest = np.min(np.abs(branch.velocities[known]), axis=1)
     slowest *= np.min(list(restitution.values()), axis=0)[known]
     off = branch["residual"][known] + 64.0 * np.finfo(float).eps
