@@ -22,6 +22,7 @@ from contimpact.segments.integrated_form import (
     IntegratedFlight,
     Shooting,
     SplitFailure,
+    growth,
 )
 from contimpact.segments.kernel import CombinedBlocks
 from contimpact.segments.kernels import Kernels
@@ -300,3 +301,12 @@ def test_a_branch_goes_on_where_flights_become_long():
     expected = 0.64 * np.exp(-0.1 * 2.0 * math.pi / branch["omega"])
     long = np.abs(branch["multiplier1_re"]) > 2e3
     assert product[long] == pytest.approx(expected[long], rel=1e-9)
+
+
+def test_growth_is_the_same_in_any_units_of_two_coordinates():
+    """What one coordinate does to another's, in units of its own, is none."""
+    factor = np.array([[0.9, 0, 0.3, 0], [1e4, 0.5, 0, 0.2], [-0.3, 0, 0.8, 0], [0, 0, 2e3, 0.4]])
+    found = growth(factor)
+    assert found < 2.0
+    units = 2.0 ** np.array([0, 30, 10, 40])
+    assert growth(factor * (units / units[:, None])) == pytest.approx(found, rel=0.5)
