@@ -34,7 +34,7 @@ from ..segments.kernels import Kernels
 from ..segments.oscillation import Excursion, Moved, excursions
 from ..segments.segment import Segment
 from ..segments.track import IntegratedTrack, integrated_track, join_flights
-from .problem import INSTANTS, CyclicBlocks, Linearisation, OrbitProblem, motion_of
+from .problem import INSTANTS, VANISHING, CyclicBlocks, Linearisation, OrbitProblem, motion_of
 
 BEYOND = 0.125
 """Part of a period for which an orbit without impacts is looked at beyond its end: no extremum is
@@ -421,35 +421,36 @@ class QuietProblem(OrbitProblem):
         """Natural sizes of the state.
 
         Velocities are measured by the largest along the orbit, or positions in waves of the
-        forcing, and positions by the same in the wave's time.
+        forcing, and positions by the same in the wave's time, each coordinate by its own unless
+        these vanish beside the others.
         """
         rate = 2.0 * math.pi / self.period(unknowns)
-        state = np.abs(self.state(unknowns))
-        size = max(float(np.max(state[::2])), self._largest_speed(unknowns) / rate)
-        size = max(size, float(np.max(state[1::2])) / rate)
-        sizes = np.full(self.m, size if size > 0.0 else 1.0)
-        sizes[1::2] *= rate
-        return sizes
+        positions, velocities = np.abs(self.state(unknowns)).reshape(-1, 2).T
+        size = np.maximum(positions, np.maximum(velocities, self._largest_speeds(unknowns)) / rate)
+        largest = float(np.max(size)) or 1.0
+        size = np.where(size > VANISHING * largest, size, largest)
+        return np.column_stack([size, size * rate]).ravel()
 
     def residual_sizes(self, scale: Array) -> Array:
         """Return natural sizes of the residuals: those of the state."""
         return scale[: self.n]
 
-    def _largest_speed(self, unknowns: Array) -> float:
+    def _largest_speeds(self, unknowns: Array) -> Array:
+        """The largest speed of each coordinate along the orbit, or, of flights that are not
+        integrated, of a gap coordinate for those that it depends on."""
         values, state = self.values(unknowns), self.state(unknowns)
-        length = self.span(unknowns)
-        guard = self.model.WALLS[0]
+        length, size = self.span(unknowns), self.m // 2
         if self.kernels.integrated(SECTION):
-            times = length * np.array(INSTANTS)
             try:
                 track = integrated_track(self.kernels, SECTION, state, values, length)
             except ArithmeticError:
-                return 0.0
-            _, speeds = track.at(times)
-            row = np.array(guard.row(self.m // 2), dtype=float)
-            return float(np.max(np.abs(speeds @ row[: speeds.shape[1]])))
+                return np.zeros(size)
+            speeds = np.max(np.abs(track.at(length * np.array(INSTANTS))[1]), axis=0)
+            return np.pad(speeds, (0, size - len(speeds)))
+        guard = self.model.WALLS[0]
         since = self.kernels.since(guard.name)
-        return max(abs(since(*state, part * length, *values)[1]) for part in (0.0, *INSTANTS))
+        speed = max(abs(since(*state, part * length, *values)[1]) for part in (0.0, *INSTANTS))
+        return np.where(np.array(guard.row(size)), speed, 0.0)
 
     def difference(self, one: Array, other: Array) -> Array:
         """Return one - other as orbits."""

@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..arrays import Array, Table, Vector
 from ..models.guards import orders_of, pivot
@@ -146,15 +147,22 @@ def units_of_states(problem: OrbitProblem, rest: Array) -> list[Array]:
 
 def units_at_rest(problem: OrbitProblem, rest: Array) -> Array | None:
     """Return units in which motion is of ordinary size, powers of two: for positions near where
-    walls are, or to where forces lead from rest; None where both are at zero."""
-    setup, moved = problem.kernels.setup(*problem.model.values.values()), np.zeros(0)
+    walls are, or to where forces lead from rest, each coordinate by its own; None where all are at
+    zero. Coordinates that stay there have the largest of the others."""
+    setup, lengths = problem.kernels.setup(*problem.model.values.values()), np.zeros(problem.m // 2)
+    for guard, position in zip(problem.model.WALLS, setup.walls, strict=True):
+        row = np.array(guard.row(len(lengths))) != 0.0
+        places = 0 if problem.word.walls else row  # sections have the gap coordinate first
+        lengths[places] = np.maximum(lengths[places], abs(position))
     try:
-        moved = np.abs(problem.evaluate(rest).residual[: problem.n])
-        moved[1::2] *= setup.period / (2.0 * math.pi)
+        moved = np.abs(problem.evaluate(rest).residual[: problem.n]).reshape(-1, len(lengths), 2)
     except ArithmeticError:
-        pass
-    length = max([*map(abs, setup.walls), *moved[np.isfinite(moved)].tolist()])
-    return _units(problem, length) if length > 0.0 else None
+        moved = np.zeros((1, len(lengths), 2))
+    moved[:, :, 1] *= setup.period / (2.0 * math.pi)
+    found = np.max(moved, axis=(0, 2), initial=0.0, where=np.isfinite(moved))
+    lengths = np.maximum(lengths, found)
+    largest = np.max(lengths)
+    return _units(problem, np.where(lengths > 0.0, lengths, largest)) if largest > 0.0 else None
 
 
 def units_of_laws(problem: OrbitProblem) -> Array | None:
@@ -197,13 +205,14 @@ def _coarse_units(units: Array) -> Array:
     return found
 
 
-def _units(problem: OrbitProblem, length: float) -> Array:
-    """Units of a length for positions, and for velocities with the forcing's rate, as powers of
+def _units(problem: OrbitProblem, lengths: ArrayLike) -> Array:
+    """Units of lengths for positions, and for velocities with the forcing's rate, as powers of
     two."""
-    units = np.full(problem.m, 2.0 ** round(math.log2(length)))
     period = problem.kernels.setup(*problem.model.values.values()).period
-    units[1::2] *= 2.0 ** round(math.log2(2.0 * math.pi / period))
-    return units
+    units = np.empty((problem.m // 2, 2))
+    units[:, 0] = 2.0 ** np.round(np.log2(lengths))
+    units[:, 1] = units[:, 0] * 2.0 ** round(math.log2(2.0 * math.pi / period))
+    return units.ravel()
 
 
 def solve_on_arrays(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:

@@ -270,3 +270,28 @@ def test_an_orbit_of_two_periods_is_found_once():
     assert len(found) == 2  # mirror images of each other
     assert after(starts[0], 2.0) == pytest.approx(starts[0], abs=1e-6)
     assert min(np.max(np.abs(after(starts[0], k + 0.5) + starts[1])) for k in (0, 1)) < 1e-6
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("law", ["-z + 1000000*cos(w*t)", "-z + x*v/1000000"])
+def test_a_coordinate_that_acts_on_none_changes_nothing(law):
+    """Whatever its size: folds of Duffing's oscillator are where they are without it. By the size
+    of the largest coordinate the branch ended beside the first one."""
+    pytest.importorskip("heyoka")
+
+    def folds(**more):
+        table = {
+            "system": "hybrid",
+            "period": "2*pi/w",
+            "parameters": {"w": 1.4, "d": 9.0},
+            "modes": {"free": {"x": "v", "v": "0.3*cos(w*t) - 0.1*v - x - x**3", **more}},
+            "guards": {"S": {"within": "x <= d", "set": {"v": "-0.5*v"}}},
+        }
+        asked = {"parameter": "w", "range": [1.0, 2.0], "orbits": ["0"]}
+        given = {"name": "d", "model": table, "follow": asked, "detect": {"events": ["FB"]}}
+        (branch,) = follow(read_scene(given)).branches
+        return sorted(entry.value for entry in branch.events)
+
+    alone = folds()
+    assert len(alone) == 2
+    assert folds(z=law) == pytest.approx(alone, rel=1e-11)
