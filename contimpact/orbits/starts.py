@@ -9,7 +9,7 @@ place.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -168,21 +168,22 @@ def units_at_rest(problem: OrbitProblem, rest: Array) -> Array | None:
 def units_of_laws(problem: OrbitProblem) -> Array | None:
     """Return the least units, powers of `COARSE`, in which laws that are integrated are not linear;
     None where they are, or have no value at rest."""
-    kernels, values = problem.kernels, list(problem.model.values.values())
-    fields = [
-        kernels.field(a)(*[0.0] * problem.m, *values)
-        for a in dict.fromkeys(problem.word.walls or [SECTION])
-        if kernels.integrated(a)
-    ]
-    sizes = [size for field, numbers in fields if (size := _size_of_law(problem, field, numbers))]
+    left = dict.fromkeys(problem.word.walls or [SECTION])
+    laws = (_size_of_law(problem, a) for a in left if problem.kernels.integrated(a))
+    sizes = [size for size in laws if size is not None]
     return _coarse_units(_units(problem, min(sizes))) if sizes else None
 
 
-def _size_of_law(problem: OrbitProblem, field: str, numbers: Sequence[float]) -> float | None:
+def _size_of_law(problem: OrbitProblem, left: str) -> float | None:
     """The least size of positions at which a law's derivatives have changed: accelerations', by the
     square of the natural rate at least, and rates' of coordinates of first order."""
-    d, natural = statement(field).freedom, problem.kernels.setup(*problem.model.values.values())
-    rate, first = 2.0 * math.pi / natural.period, None
+    values = list(problem.model.values.values())
+    try:
+        field, numbers = problem.kernels.field(left)(*[0.0] * problem.m, *values)
+    except (ArithmeticError, ValueError):  # no value at the time zero
+        return None
+    rate, first = 2.0 * math.pi / problem.kernels.setup(*values).period, None
+    d = statement(field).freedom
     brief = BRIEF / rate
     weights, units = UNLIKE ** np.arange(d), np.repeat([1.0, rate], d)
     directions = " ".join(f"{x}{k}" for x in "xv" for k in range(d))
@@ -191,7 +192,7 @@ def _size_of_law(problem: OrbitProblem, field: str, numbers: Sequence[float]) ->
         state = (size * units * np.tile(weights, 2)).tolist()
         try:
             found = flown(field, directions, brief, numbers[0], *state, *numbers[1 + 2 * d :])
-        except ArithmeticError:
+        except (ArithmeticError, ValueError):
             return None if first is None else size
         ends = np.reshape(found[2 * d :], (2 * d, 2, d))[:, 1] * units[:, None] / rate
         first = ends if first is None else first
