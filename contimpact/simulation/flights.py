@@ -101,14 +101,19 @@ class LinearMotion:
         return np.concatenate([x, v, waves, [1.0]])
 
     def resting(self, state: Array) -> Array:
-        """Return X with the held coordinates where their guards are, and at rest."""
+        """Return X with the held coordinates where their guards are, and at rest; velocities that
+        cancel to rounding are none."""
         d = self.shape.freedom
         found = state.copy()
         if self.contacts:
             inverse = np.linalg.pinv(self.rows @ self.directions)
             places = np.array([c.position for c in self.contacts])
             found[:d] -= self.directions @ (inverse @ (self.rows @ found[:d] - places))
-            found[d : 2 * d] -= self.directions @ (inverse @ (self.rows @ found[d : 2 * d]))
+            v = found[d : 2 * d]
+            impulses = inverse @ (self.rows @ v)
+            rounding = REPEATED * (np.abs(v) + np.abs(self.directions) @ np.abs(impulses))
+            v -= self.directions @ impulses
+            v[np.abs(v) <= rounding] = 0.0
         return found
 
     def moving(self, state: Array) -> Array:

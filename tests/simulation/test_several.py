@@ -422,3 +422,32 @@ def test_two_balls_that_come_to_rest_on_each_other_together():
     hit = release + int(np.argmax(run.velocities[release:] < -1e-3))
     assert run.times[hit] - run.times[release] == pytest.approx(meeting - begin, abs=1e-12)
     assert run.velocities[hit] == pytest.approx(height(meeting)[1] - v, abs=1e-12)
+
+
+def test_two_balls_that_leave_a_table_together_do_not_touch_in_the_air():
+    """Rounding of what a held system's velocities cancel to made 18 impacts of 1e-32 where both
+    are released; their derivatives of 4e31 hid that the motion repeats itself."""
+    modes = {"m": {"x": "u", "u": "sin(w*t)*w**2 - 1", "y": "v", "v": "sin(w*t)*w**2 - 1"}}
+    guards = {"T": {"within": "x >= 0", "set": {"u": "-u/2"}}}
+    swapped = {"u": "u/4 + 3*v/4", "v": "3*u/4 + v/4"}
+    guards["B"] = {"within": "y - x >= 0", "set": swapped}
+    values = {"w": 1.296875}
+    model = {"system": "hybrid", "modes": modes, "guards": guards, "parameters": values}
+    follow = {"parameter": "w", "range": [1.0, 2.0], "orbits": ["TB"]}
+    scene = {"name": "column", "model": {**model, "period": "2*pi/w"}, "follow": follow}
+    simulator, w = Simulator(read_scene(scene).model), values["w"]
+    run = simulator.run(simulator.state("B", 3.6, -3.05, [0.0, -2.03]), impacts=500)
+    release = next(k for k, row in enumerate(run.states()) if row.released and row.held == 3)
+    begin = math.asin(1.0 / w**2) / w
+    assert run.phases[release] == pytest.approx(begin, abs=1e-13)
+    hit = next(k for k in range(release, 500) if not run.released[k])
+    assert not run.velocities[release:hit].any()
+
+    def height(t):
+        fall, rate = -0.5 * (t - begin) ** 2, w * math.cos(w * begin)
+        return fall - math.sin(w * t) + math.sin(w * begin) + rate * (t - begin)
+
+    meeting = brentq(height, begin + 1.0, begin + 4.5, xtol=1e-15)
+    assert run.times[hit] - run.times[release] == pytest.approx(meeting - begin, abs=1e-12)
+    found = settle(simulator, run.states()[-1], QUICK)
+    assert (found.kind.value, found.notation, found.period) == ("sticking", "inf:inf", 1)
