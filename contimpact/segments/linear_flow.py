@@ -60,6 +60,9 @@ UNLIKE = 2.0**10
 """Coordinates have units of their own where what one does to another is so many times what the
 other does to it."""
 
+OWN = 32.0
+"""How many times a coordinate's unit its size is, or the other way round, that becomes its unit."""
+
 LONGEST = 2.0**60
 """Longest flight, in radians or as an exponent: no digit is left of a phase beyond."""
 BEYOND = "a linear flight with numbers beyond the range of floats"
@@ -214,7 +217,8 @@ def balance_coordinates(d: int, h: int, numbers: Sequence[float] | Vector, scale
     unlike that their units are, as those of a position and a velocity in metres and seconds.
 
     Where one acts on others alone, or they on it alone, its unit is the size of what forces and
-    other coordinates do to it at the rates there are.
+    other coordinates do to it at the rates there are, if that is far from one: beside the rate of a
+    stiff contact it is less than what slow motion comes to.
     """
     n, rate = 2 * d + 2 * h + 1, 0.0
     for i in range(d):
@@ -238,7 +242,7 @@ def balance_coordinates(d: int, h: int, numbers: Sequence[float] | Vector, scale
             for j in range(2 * d, n):
                 size = max(size, abs(numbers[n * own + j]))
             size /= rate * rate
-            if size > 1.4 * scales[own] or 0.0 < size < 0.7 * scales[own]:
+            if size > OWN * scales[own] or 0.0 < OWN * size < scales[own]:
                 scales[own] = power_of_two(size)
 
 

@@ -137,11 +137,15 @@ def test_a_larger_force_gives_the_same_flight_in_larger_units():
 def test_coordinates_coupled_one_way_have_units_of_their_own():
     """In other units of one that only gives and one that only takes no digit changes, and what they
     are rounded beside changes as they do: each is exact to a part of it, and of its own size."""
-    units = np.array([2.0**-20, 2.0**30])
-    by, pushes = units[:, None] / units, np.array([[0.8, 0.0, 0.0], [0.0, 0.1, 0.0]])
+    pushes = np.array([[0.8, 0.0, 0.0], [0.0, 0.1, 0.0]])
     k, c = np.array([[1.0, 0.0], [-0.5, 2.3]]), np.array([[0.1, 0.0], [-0.3, 0.2]])
-    given = numbers_of(k, c, pushes, [1.3])
-    other = numbers_of(k * by, c * by, pushes * units[:, None], [1.3])
+
+    def scaled(units):
+        by = units[:, None] / units
+        return numbers_of(k * by, c * by, pushes * units[:, None], [1.3])
+
+    units = np.array([2.0**-10, 2.0**20])
+    given, other = scaled(np.array([2.0**-10, 2.0**10])), scaled(np.array([2.0**-20, 2.0**30]))
     shape = Shape(2, 1, 0)
     tables = [np.array(flow(*shape, 4.0, *numbers)) for numbers in (given, other)]
     beside = [rounding_scale(*shape, *both) for both in zip((given, other), tables, strict=True)]
