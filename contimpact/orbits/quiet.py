@@ -36,6 +36,9 @@ from ..segments.segment import Segment
 from ..segments.track import IntegratedTrack, integrated_track, join_flights
 from .problem import INSTANTS, VANISHING, CyclicBlocks, Linearisation, OrbitProblem, motion_of
 
+FAR_LESS = 2.0**-10
+"""Part of the largest coordinate below which one is measured by its own size."""
+
 BEYOND = 0.125
 """Part of a period for which an orbit without impacts is looked at beyond its end: no extremum is
 at an end of both the orbit and what is looked at."""
@@ -421,36 +424,41 @@ class QuietProblem(OrbitProblem):
         """Natural sizes of the state.
 
         Velocities are measured by the largest along the orbit, or positions in waves of the
-        forcing, and positions by the same in the wave's time, each coordinate by its own unless
-        these vanish beside the others.
+        forcing, and positions by the same in the wave's time; coordinates that are `FAR_LESS` than
+        the largest by their own, unless these vanish beside it.
         """
         rate = 2.0 * math.pi / self.period(unknowns)
         positions, velocities = np.abs(self.state(unknowns)).reshape(-1, 2).T
-        size = np.maximum(positions, np.maximum(velocities, self._largest_speeds(unknowns)) / rate)
-        largest = float(np.max(size)) or 1.0
-        size = np.where(size > VANISHING * largest, size, largest)
+        fastest, speeds = self._largest_speeds(unknowns)
+        own = np.maximum(positions, np.maximum(velocities, speeds) / rate)
+        largest = max(float(np.max(positions)), fastest / rate, float(np.max(velocities)) / rate)
+        less = (own < FAR_LESS * largest) & (own > VANISHING * largest)
+        size = np.where(less, own, largest) if largest > 0.0 else np.ones(len(own))
         return np.column_stack([size, size * rate]).ravel()
 
     def residual_sizes(self, scale: Array) -> Array:
         """Return natural sizes of the residuals: those of the state."""
         return scale[: self.n]
 
-    def _largest_speeds(self, unknowns: Array) -> Array:
-        """The largest speed of each coordinate along the orbit, or, of flights that are not
-        integrated, of a gap coordinate for those that it depends on."""
-        values, state = self.values(unknowns), self.state(unknowns)
-        length, size = self.span(unknowns), self.m // 2
-        if self.kernels.integrated(SECTION):
-            try:
-                track = integrated_track(self.kernels, SECTION, state, values, length)
-            except ArithmeticError:
-                return np.zeros(size)
-            speeds = np.max(np.abs(track.at(length * np.array(INSTANTS))[1]), axis=0)
-            return np.pad(speeds, (0, size - len(speeds)))
+    def _largest_speeds(self, unknowns: Array) -> tuple[float, Array]:
+        """The largest speed of a gap coordinate along the orbit, and that of each coordinate, which
+        is known of integrated flights, and else of what the gap depends on."""
+        values, state, length = self.values(unknowns), self.state(unknowns), self.span(unknowns)
         guard = self.model.WALLS[0]
-        since = self.kernels.since(guard.name)
-        speed = max(abs(since(*state, part * length, *values)[1]) for part in (0.0, *INSTANTS))
-        return np.where(np.array(guard.row(size)), speed, 0.0)
+        row = np.array(guard.row(self.m // 2), dtype=float)
+        if not self.kernels.integrated(SECTION):
+            since = self.kernels.since(guard.name)
+            fastest = max(abs(since(*state, part * length, *values)[1]) for part in (0, *INSTANTS))
+            return fastest, np.where(row == 0.0, 0.0, fastest)
+        each = np.zeros(len(row))
+        try:
+            track = integrated_track(self.kernels, SECTION, state, values, length)
+        except ArithmeticError:
+            return 0.0, each
+        _, speeds = track.at(length * np.array(INSTANTS))
+        moving = speeds.shape[1]
+        each[:moving] = np.max(np.abs(speeds), axis=0)
+        return float(np.max(np.abs(speeds @ row[:moving]))), each
 
     def difference(self, one: Array, other: Array) -> Array:
         """Return one - other as orbits."""
