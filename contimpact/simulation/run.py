@@ -653,9 +653,7 @@ def arrivals(
         speed, force = begin(flights, row, stretch, space)
         rising = speed > 0.0 or (speed == 0.0 and force > 0.0)
         if left >= 0 and flights.row[left] == row:
-            if (
-                speed == 0.0 or flights.leaving[left] * speed > 0.0
-            ):  # at rest, or passing it at once
+            if speed == 0.0 or flights.leaving[left] * speed > 0.0:  # at rest, or passes at once
                 return -2, 0.0, 0.0
             if accumulates(flights, left, velocity, force):
                 return -2, 0.0, 0.0
