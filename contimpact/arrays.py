@@ -1,7 +1,12 @@
-"""The types of arrays, and the vectors and tables of functions that run plainly and compiled."""
+"""The types of arrays, what functions that run plainly and compiled work on, and LAPACK."""
 
 from __future__ import annotations
 
+import contextlib
+import functools
+import importlib.machinery
+import importlib.util
+import sys
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple, TypeAlias
 
@@ -63,3 +68,22 @@ INTEGERS, VECTOR, TABLE = "i", "f", "F"
 
 ENTRY = "contimpact_entry"
 """The entry's name in machine code."""
+
+
+@functools.cache
+def lapack() -> Any:
+    """Return SciPy's routines of LAPACK, without the rest of scipy.linalg if that can be left out.
+
+    It imports much that nobody asks for here, which takes longer than many a branch.
+    """
+    name = "scipy.linalg._flapack"
+    if "scipy.linalg" not in sys.modules:
+        folders = [f"{folder}/linalg" for folder in importlib.import_module("scipy").__path__]
+        found = importlib.machinery.PathFinder.find_spec(name, folders)
+        if found is not None and found.loader is not None:
+            with contextlib.suppress(ImportError):
+                module = importlib.util.module_from_spec(found)
+                found.loader.exec_module(module)
+                sys.modules[name] = module
+                return module
+    return importlib.import_module("scipy.linalg.lapack")

@@ -15,19 +15,13 @@ Linear Algebra Appl. 2001).
 
 from __future__ import annotations
 
-import contextlib
-import functools
-import importlib.machinery
-import importlib.util
 import math
-import sys
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from ..arrays import Array, Table, Vector
+from ..arrays import Array, Table, Vector, lapack
 from ..models.guards import Guard
 from ..segments.flight import FlightGaps
 from .block_cyclic import Reduced, arrival_rate, eliminate, solve, store
@@ -329,7 +323,7 @@ def pencil_multipliers(p: Array, q: Array) -> Array:
     one, other = (np.reshape(part * scales[..., None, :], (-1, m, m)) for part in (p, q))
     real, imaginary, below = (np.full((len(one), m), np.nan) for _ in range(3))
     for i in np.flatnonzero(np.isfinite(one).all((1, 2)) & np.isfinite(other).all((1, 2))).tolist():
-        found = _lapack().dggev(one[i], -other[i], 0, 0)  # eigvals takes five times longer
+        found = lapack().dggev(one[i], -other[i], 0, 0)  # eigvals takes five times longer
         if found[-1]:
             raise np.linalg.LinAlgError("eigenvalues of a pencil did not converge")
         real[i], imaginary[i], below[i] = found[:3]
@@ -339,25 +333,6 @@ def pencil_multipliers(p: Array, q: Array) -> Array:
     rows, upper = np.nonzero(imaginary > 0.0)
     values[rows, upper + 1] = values[rows, upper].conj()  # but for rounding, they are
     return order_multipliers(values).reshape(shape)
-
-
-@functools.cache
-def _lapack() -> Any:
-    """SciPy's routines of LAPACK, without the rest of scipy.linalg if that can be left out.
-
-    It imports much that nobody asks for here, which takes longer than many a branch.
-    """
-    name = "scipy.linalg._flapack"
-    if "scipy.linalg" not in sys.modules:
-        folders = [f"{folder}/linalg" for folder in importlib.import_module("scipy").__path__]
-        found = importlib.machinery.PathFinder.find_spec(name, folders)
-        if found is not None and found.loader is not None:
-            with contextlib.suppress(ImportError):
-                module = importlib.util.module_from_spec(found)
-                found.loader.exec_module(module)
-                sys.modules[name] = module
-                return module
-    return importlib.import_module("scipy.linalg.lapack")
 
 
 def order_multipliers(values: Array) -> Array:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..arrays import Array, Number
+from ..arrays import Array, Number, lapack
 from .derivatives import FLOAT_SERIES, Series
 from .integrated_flight import rounding_scale
 from .integration import KEPT, integrator, statement
@@ -134,9 +134,7 @@ def growth(factor: Array) -> float:
     units = np.repeat([1.0, 2.0 ** round(math.log2(scale))], d)
     factor = factor * (units / units[:, None])
     if d > 1:
-        from scipy.linalg import matrix_balance  # takes 40 ms to import
-
-        factor = matrix_balance(factor, permute=False)[0]
+        factor = lapack().dgebal(factor, scale=1)[0]
     return float(np.linalg.norm(factor, 2))
 
 
