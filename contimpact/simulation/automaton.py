@@ -756,8 +756,9 @@ def _linear_jacobian(automaton: Automaton, before: State, after: State) -> Array
     disturbed = motion.flowed(after.since(before, automaton.period)) @ left
     row = automaton.rows[after.wall]
     end = motion.embedded(*automaton.before(after.wall, after.section), after.phase)
-    late = _delays(motion, after, row, end) @ disturbed
-    moved = disturbed + np.outer(motion.rate(end), late)
+    with np.errstate(divide="ignore", invalid="ignore"):  # what only touches comes at any time
+        late = _delays(motion, after, row, end) @ disturbed
+        moved = disturbed + np.outer(motion.rate(end), late)
     others = _section_rows(row, d)
     return np.vstack([late, others @ moved])
 
@@ -787,8 +788,7 @@ def _delays(motion: LinearMotion, after: State, row: Array, end: Array) -> Array
     if after.released:
         places = [contact.number for contact in motion.contacts]
         event = motion.reactions[places.index(after.wall)]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        found: Array = -event[: 2 * d] / (event @ rates)
+    found: Array = -event[: 2 * d] / (event @ rates)
     return found
 
 

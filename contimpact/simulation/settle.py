@@ -212,7 +212,7 @@ class Exponents:
     dissipate."""
     impacts: int
     periods: float
-    """Length of the run, in forcing periods."""
+    """Time that these impacts take, in forcing periods: they end where a derivative is infinite."""
     end: State | None
     """State at which the run ended."""
 
@@ -231,12 +231,10 @@ def exponents_of(simulator: Simulator, state: State, run: Run) -> Exponents:
 
     Benettin et al., Meccanica 15 (1980), with the QR factors of 2x2 matrices written out.
     """
-    periods = (_time(simulator, run.end) - _time(simulator, state)) / simulator.period
-    count = len(run)
     if run.held.size:
-        return _exponents_by_qr(simulator, state, run, periods)
-    if not count or run.released.any() or state.velocity == 0.0:
-        lost = -math.inf if count else math.nan
+        return _exponents_by_qr(simulator, state, run)
+    if not (count := len(run)) or run.released.any() or state.velocity == 0.0:
+        lost, periods = -math.inf if count else math.nan, _periods(simulator, state, run.end)
         return Exponents((lost, lost), 0.0, math.nan, count, periods, run.end)
     angle = float(np.random.default_rng(0).uniform(0.0, math.pi))
     x, y = math.cos(angle), math.sin(angle)
@@ -257,14 +255,12 @@ def exponents_of(simulator: Simulator, state: State, run: Run) -> Exponents:
         whole = math.log(det) if det > CANCELS * terms else _contraction(simulator, before, after)
         second.append(whole - first[-1])
         before = after
-    count = len(first)
-    pair = (_mean(first), _mean(second))
-    return Exponents(
-        pair, _scatter(first), _mean(_restitutions(simulator, run.walls)), count, periods, run.end
-    )
+    pair, periods = (_mean(first), _mean(second)), _periods(simulator, state, before)
+    restitution = _mean(_restitutions(simulator, run.walls))
+    return Exponents(pair, _scatter(first), restitution, len(first), periods, run.end)
 
 
-def _exponents_by_qr(simulator: Simulator, state: State, run: Run, periods: float) -> Exponents:
+def _exponents_by_qr(simulator: Simulator, state: State, run: Run) -> Exponents:
     """By the QR factors of the derivatives, in (time, v times velocity, the other coordinates)."""
     m = simulator.model.unknowns_per_impact
     q = np.linalg.qr(np.random.default_rng(0).normal(size=(m, m)))[0]
@@ -286,6 +282,7 @@ def _exponents_by_qr(simulator: Simulator, state: State, run: Run, periods: floa
     per_impact = (*known, *[math.nan] * (m - len(known)))
     scatter = _scatter(table[:, 0].tolist())
     restitution = _mean(_restitutions(simulator, run.walls))
+    periods = _periods(simulator, state, before)
     return Exponents(per_impact, scatter, restitution, len(table), periods, run.end)
 
 
@@ -326,8 +323,13 @@ def _restitutions(simulator: Simulator, walls: Array) -> list[float]:
     return [logs[wall] for wall in walls.tolist()]
 
 
-def _time(simulator: Simulator, state: State | None) -> float:
-    return math.nan if state is None else state.turns * simulator.period + state.phase
+def _periods(simulator: Simulator, one: State, other: State | None) -> float:
+    """Time from one state to another, in forcing periods."""
+    begun, ended = (
+        math.nan if state is None else state.turns * simulator.period + state.phase
+        for state in (one, other)
+    )
+    return (ended - begun) / simulator.period
 
 
 def _scatter(values: list[float]) -> float:
@@ -757,7 +759,7 @@ def _unsettled_motion(
     is_complex = found.per_impact[0] > 3.0 * found.error
     if run.released.any():
         is_complex = is_complex or rounding_fills(simulator, run.states())
-    rate = found.impacts / found.periods
+    rate = len(run) / _periods(simulator, state, run.end)
     shares = [np.count_nonzero(run.walls == k) / len(run) for k in range(len(simulator.letters))]
     last = slice(-KEPT, None)
     return Attractor(

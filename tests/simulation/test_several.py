@@ -451,3 +451,33 @@ def test_two_balls_that_leave_a_table_together_do_not_touch_in_the_air():
     assert run.times[hit] - run.times[release] == pytest.approx(meeting - begin, abs=1e-12)
     found = settle(simulator, run.states()[-1], QUICK)
     assert (found.kind.value, found.notation, found.period) == ("sticking", "inf:inf", 1)
+
+
+@pytest.mark.filterwarnings("error")
+def test_exponents_are_of_the_time_that_they_look_at(monkeypatch):
+    """Two balls that leave a table at once touch in the air, by rounding: a derivative is infinite
+    there, and the exponents of what came before were divided by the time of the whole run."""
+    weight = "-g + a*w**2*cos(w*t)"
+    machine = {"coordinates": ["y", "z"], "mass": [1, "m"], "period": "2*pi/w"}
+    machine["force"] = [weight, f"m*({weight})"]
+    guards = {"F": {"within": "y >= 0", "restitution": 0.6}}
+    guards["C"] = {"within": "z - y >= 0", "restitution": 0.8}
+    values = {"g": 1.0, "a": 16 / 35, "w": 3.0, "m": 0.5}
+    model = {"system": "linear", **machine, "guards": guards, "parameters": values}
+    follow = {"parameter": "w", "range": [1.0, 4.0], "orbits": ["FC"]}
+    scene = read_scene({"name": "column", "model": model, "follow": follow})
+    simulator = Simulator(scene.model)
+    begin = (2.0 * math.pi - math.acos(values["g"] / (values["a"] * 9.0))) / 3.0
+    left = State(0, begin, 0.0, 0, (-6e-33, -1.7e-32), held=1, released=True)
+    touch, *_ = simulator.run(left, impacts=20).states()
+    assert (touch.wall, touch.velocity, touch.held) == (1, 0.0, 0)
+    assert not np.isfinite(simulator.derivatives([left, touch])[0]).any()
+    start = simulator.state("F", 0.9, -1.0, [1.0, 0.5])
+    run = simulator.run(start, impacts=20)
+    steps = list(simulator.derivatives([start, *run.states()]))
+    steps[12] = np.full((4, 4), np.inf)
+    monkeypatch.setattr(Simulator, "derivatives", lambda *_: steps)
+    found = exponents_of(simulator, start, run)
+    assert found.impacts == 12
+    assert found.periods == pytest.approx((run.times[11] - 0.9) / simulator.period, rel=1e-14)
+    assert found.per_period == found.per_impact[0] * 12 / found.periods
