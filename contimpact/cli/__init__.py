@@ -300,7 +300,7 @@ def parser() -> argparse.ArgumentParser:
     argument(completion, "shell", "the shell", choices=["bash", "zsh", "fish"])
     for command in (run, simulate, report, certify, study, export, atlas, range_, fit, design):
         argument(command, "-q --quiet", "print nothing but errors")
-    for command in (check, run, simulate, report, plot, range_, fit, design):
+    for command in (check, run, simulate, report, study, atlas, plot, range_, fit, design):
         argument(
             command,
             "--system FILE",

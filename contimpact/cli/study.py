@@ -27,7 +27,7 @@ FORMATS = ("png", "svg", "pdf")
 def study(options: argparse.Namespace) -> int:
     """Compute a study; returns the exit status."""
     mode()  # refused before anything is computed
-    asked, workshop = load_study(options.study), _workshop(options)
+    asked, workshop = load_study(options.study, options.system), _workshop(options)
 
     def announce(text: str) -> None:
         if not options.quiet:
@@ -116,7 +116,7 @@ def atlas(options: argparse.Namespace) -> int:
     folder, drawn, mapped = Path(options.output), False, False
     with telling("atlas", options.quiet, patient=True) as tell:
         for name in names:
-            with Study(options.store, name) as study:
+            with Study(options.store, name, options.system) as study:
                 if not options.study and len(study.axes) < 2:
                     continue  # nothing of two axes, and nobody has asked for it
                 mapped = True

@@ -40,11 +40,11 @@ from ..progress import Progress, ignore_progress
 from ..results.branch import Branch
 from ..results.diagram import INTERRUPTED, Diagram
 from ..results.diagram_reading import Interval, Reading, read
-from ..results.scene import read_scene
+from ..results.scene import Scene, read_scene
 from ..segments.compiling import expect_plain_time
 from .executors import UNKNOWN, Workshop, processes, refuse_to_start_again
 from .store import Outcome, Store, compress_text, row_of
-from .study_file import StudyFile
+from .study_file import StudyFile, systems_in
 
 if TYPE_CHECKING:
     from ..diagrams.scene_simulation import Simulation
@@ -144,6 +144,12 @@ class Task:
     """Whether the process may be ended if the scene hangs outside Python."""
     expected: float = 0.0
     """Seconds that the study would take plainly, by which it is decided whether compiling pays."""
+    systems: tuple[str, ...] = ()
+    """Files that define systems or kinds of events of one's own."""
+
+    def read(self) -> Scene:
+        """Return the scene, read and validated."""
+        return read_scene(self.scene, systems_in(self.systems))
 
 
 def compute(task: Task) -> Outcome:
@@ -200,16 +206,15 @@ class _Found:
     def rows(self, task: Task) -> Rows:
         """The rows of what there is."""
         assert self.diagram is not None
-        values = read_scene(task.scene).model.values
-        rows = diagram_rows(self.diagram, task.keep, task.derived, values)
+        scene = task.read()
+        rows = diagram_rows(self.diagram, task.keep, task.derived, scene.model.values)
         if self.simulation is not None:
-            membrane = read_scene(task.scene).energy
-            rows |= simulation_rows(self.simulation, task.keep, membrane)
+            rows |= simulation_rows(self.simulation, task.keep, scene.energy)
         return rows
 
 
 def _compute_scene(task: Task, limit: TimeLimit, found: _Found) -> None:
-    scene = read_scene(task.scene)
+    scene = task.read()
     found.diagram = follow(scene, limit)
     failure = found.diagram.statistics["failure"] or ""
     if {"attractors", "energies"} & {*task.keep} and failure != INTERRUPTED:
@@ -581,7 +586,8 @@ class _Computation:
         budget, expected = self.study.budget, 0.0
         if not self.ready:
             budget, expected = budget and budget + COMPILING, PLAINLY * len(self.waiting)
-        return Task(scene, self.study.keep, self.derived, budget, self.workshop.own, expected)
+        about = scene, self.study.keep, self.derived, budget, self.workshop.own, expected
+        return Task(*about, self.study.systems)
 
     def keep(self, future: Future[Outcome]) -> None:
         """Write what came of a scene."""

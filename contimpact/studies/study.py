@@ -6,6 +6,7 @@ Nothing is read before it is asked for, and what is asked for row by row is neve
 from __future__ import annotations
 
 import contextlib
+import functools
 import itertools
 import json
 import math
@@ -24,7 +25,6 @@ from ..errors import InputError, count_text, explain_arguments, require_known, s
 from ..models import expressions
 from ..models.guards import is_rotation
 from ..results.catalogue import branch_in
-from ..results.scene import read_scene
 from ..simulation.attractor import Attractor, Kind
 from ..simulation.sweep import Row, Simulators, Sweep
 from .store import OF_SCENES, STEPS, Store, decompress_text, open_store, refusal, schema_version
@@ -200,7 +200,7 @@ def _repeats(word: str | None, period: int | None, becomes: str, of: int) -> boo
 def margin(study: Study, orbit: str) -> Values:
     """The largest margin of stable orbits of a notation, at most the distance up to which events
     were looked for; of scenes with ``[margins]``, of which tables are kept."""
-    asked = read_study(study.given).first.margins
+    asked = study.file.first.margins
     return {} if asked is None else _largest(study, orbit, "margin", asked.within)
 
 
@@ -209,7 +209,7 @@ def largest_output(study: Study, orbit: str, name: str) -> Values:
 
     Raises InputError if the study has no such output, or no tables.
     """
-    file = read_study(study.given)
+    file = study.file
     names = [output.name for output in file.first.outputs]
     if name not in names:
         accepted = f"it has {', '.join(names)}" if names else "state it in [output]"
@@ -310,7 +310,7 @@ def _done(study: Study) -> Iterator[Any]:
 
 
 def _sweep(file: StudyFile, values: Sequence[float], rows: Sequence[Mapping[str, Any]]) -> Sweep:
-    scene = read_scene(file.scene_at(values))
+    scene = file.read_scene_at(values)
     simulators = Simulators(scene.model, scene.parameter)
     made = []
     for row in sorted(rows, key=lambda row: row["number"]):
@@ -326,7 +326,7 @@ def derived_axis(study: Study) -> Callable[[int, float], float]:
     one."""
     if not study.derived:
         return lambda scene, value: value
-    file = read_study(study.given)
+    file = study.file
     model, names = file.first.model, file.design.names
     kernels = Simulators(model, study.parameter).kernels
     which = model.DERIVED.index(study.derived)
@@ -357,12 +357,16 @@ class Study(NotebookResult):
     store : str or Path
     name : str, optional
         The study's; it can be left out where the store holds one alone.
+    systems : sequence of str or Path
+        Python files that define its system or kinds of events, as for `load_study`.
 
     Attributes
     ----------
     name, source : str
     given : mapping
         The study file.
+    file : StudyFile
+        The same, read and validated.
     axes : tuple of str
         The parameters that differ between scenes.
     parameter : str
@@ -378,14 +382,21 @@ class Study(NotebookResult):
         If there is no such store, or no such study in it.
     """
 
-    def __init__(self, store: str | Path, name: str | None = None) -> None:
-        self.path = Path(store)
+    def __init__(
+        self, store: str | Path, name: str | None = None, systems: Sequence[str | Path] = ()
+    ) -> None:
+        self.path, self.systems = Path(store), tuple(map(str, systems))
         self.connection = _open_reader(self.path)
         row = self._row(name)
         self.number, self.name, self.source, record, axes, self.parameter, self.derived = row[:7]
         self.total: int = row[7]
         self.axes = tuple(axes.split())
         self.given: Mapping[str, Any] = json.loads(record)
+
+    @functools.cached_property
+    def file(self) -> StudyFile:
+        """The study file, read and validated."""
+        return read_study(self.given, self.systems)
 
     def _row(self, name: str | None) -> Any:
         columns = "study, name, source, record, axes, parameter, derived, scenes"
@@ -421,7 +432,7 @@ class Study(NotebookResult):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """The store is opened again, not sent along."""
-        return Study, (str(self.path), self.name)
+        return Study, (str(self.path), self.name, self.systems)
 
     def to_dataframe(self, table: str = "scenes") -> Any:
         """Return a table's rows as a pandas DataFrame; see `select`. pandas must be installed."""
@@ -545,7 +556,7 @@ class Study(NotebookResult):
         InputError
             If the study does not keep attractors.
         """
-        file = read_study(self.given)
+        file = self.file
         if "attractors" not in file.keep:
             found = f"it keeps {', '.join(file.keep) or 'nothing'}"
             raise InputError(f"study {self.name}", found, "add 'attractors' to study.keep")

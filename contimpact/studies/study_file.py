@@ -22,8 +22,9 @@ import numpy as np
 from ..arrays import Array
 from ..errors import InputError, explain_arguments, short_repr
 from ..models.expressions import values_of
+from ..models.model import Model
 from ..results.options import LARGEST_SEED
-from ..results.scene import Scene, read_scene, read_toml
+from ..results.scene import Scene, read_scene, read_toml, systems_of
 from ..schema import Table, fit, key, read
 
 # The points of a study: the values that its parameters take, scene by scene.
@@ -250,6 +251,8 @@ class StudyFile:
     )
     given: Mapping[str, Any] = field(default_factory=dict)
     """The file as it was written."""
+    systems: tuple[str, ...] = ()
+    """Files that define systems or kinds of events of one's own."""
 
     @functools.cached_property
     def points(self) -> tuple[Array, Array]:
@@ -268,27 +271,51 @@ class StudyFile:
         name = self.name if number is None else f"{self.name}-{number}"
         return {**given, "name": name, "model": model}
 
+    def read_scene_at(self, values: Sequence[float]) -> Scene:
+        """Return the scene at values of the study's parameters, read and validated."""
+        return read_scene(self.scene_at(values), systems_in(self.systems))
+
     @functools.cached_property
     def first(self) -> Scene:
         """The first scene."""
-        return read_scene(self.scene_at(self.points[1][0]))
+        return self.read_scene_at(self.points[1][0])
 
     @property
     def digest(self) -> str:
         """A digest of all that decides what is computed and kept."""
         content = {k: v for k, v in self.given.items() if k not in ("source", "plot")}
         study = {k: v for k, v in content["study"].items() if k != "budget"}
-        text = json.dumps({**content, "study": study}, sort_keys=True)
+        own = [hashlib.sha256(content).hexdigest() for content in _contents(self.systems)]
+        known = {**content, "study": study} | ({"systems": own} if own else {})
+        text = json.dumps(known, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
 
+def systems_in(files: tuple[str, ...]) -> Mapping[str, type[Model]]:
+    """Return the systems that files define; a process runs them once, unless they change."""
+    return _systems_in(files, _contents(files))
+
+
+@functools.cache
+def _systems_in(files: tuple[str, ...], _: tuple[bytes, ...]) -> Mapping[str, type[Model]]:
+    return systems_of(files)
+
+
+def _contents(files: Sequence[str]) -> tuple[bytes, ...]:
+    """What files hold; nothing where there is none, which is told where it is run."""
+    return tuple(Path(f).read_bytes() if Path(f).is_file() else b"" for f in files)
+
+
 @explain_arguments
-def load_study(path: str | Path) -> StudyFile:
+def load_study(path: str | Path, systems: Sequence[str | Path] = ()) -> StudyFile:
     """Read and validate a study file.
 
     Parameters
     ----------
     path : str or Path
+    systems : sequence of str or Path
+        Python files that define systems or kinds of events of one's own. Each process that
+        computes runs them, so that workers elsewhere need them at the same place.
 
     Returns
     -------
@@ -303,17 +330,19 @@ def load_study(path: str | Path) -> StudyFile:
     if "study" not in given:
         accepted = "add a table [study], or use contimpact run for a single scene"
         raise InputError(str(path), "no table [study]", accepted)
-    return read_study(given)
+    return read_study(given, systems)
 
 
 @explain_arguments
-def read_study(given: Mapping[str, Any]) -> StudyFile:
+def read_study(given: Mapping[str, Any], systems: Sequence[str | Path] = ()) -> StudyFile:
     """Validate a study given as nested mappings.
 
     Parameters
     ----------
     given : mapping
         Tables and keys as in a study file.
+    systems : sequence of str or Path
+        As for `load_study`.
 
     Returns
     -------
@@ -327,7 +356,8 @@ def read_study(given: Mapping[str, Any]) -> StudyFile:
     if not isinstance(given, Mapping):
         raise InputError("study", f"found {short_repr(given)}", "give a table of tables")
     given = copy.deepcopy(dict(given))
-    study = read(StudyFile, given, scene=given, partly=True, given=given)
+    files = tuple(str(Path(file).resolve()) for file in systems)
+    study = read(StudyFile, given, scene=given, partly=True, given=given, systems=files)
     _check_scenes(study)
     _check_keep(study)
     return study
@@ -347,7 +377,7 @@ def _check_scenes(study: StudyFile) -> None:
     for column, name in enumerate(names):
         for row in (values[:, column].argmin(), values[:, column].argmax()):
             try:
-                read_scene(study.scene_at(values[row]))
+                study.read_scene_at(values[row])
             except InputError as error:
                 raise _move_error(
                     study, name, error, f"at {name} = {values[row, column]:.6g}: "

@@ -13,6 +13,7 @@ from zoo import ROOT
 
 from contimpact import InputError, load_scene, read_scene
 from contimpact.cli import main
+from contimpact.studies.study import Study
 from contimpact.systems import system
 
 SCENE = """
@@ -217,6 +218,28 @@ def test_plugins_that_are_refused(plugin, entry, text, says):
     plugin(entry, text)
     with pytest.raises(InputError, match=says):
         system(entry.split(" ")[0])
+
+
+def test_a_study_of_a_system_and_a_kind_of_ones_own(folder, capsys):
+    """Its workers run the files; a changed file is another study."""
+    (folder / "half.py").write_text(HALF)
+    text = SCENE.replace('"PD"]', '"HALF"]').replace("omega = 50\n", "")
+    text = text[: text.index("[simulate]")] + "[study]\n[study.grid]\nomega = [49, 50]\n"
+    (folder / "study.toml").write_text(text)
+    study = ["study", "study.toml", "-o", "store.sqlite", "-q", "--workers", "1"]
+    own = ["--system", "my_ball.py", "--system", "half.py"]
+    assert main(study) == 2
+    assert "a system of your own by --system FILE.py" in capsys.readouterr().err
+    assert main([*study, *own]) == 0
+    with Study("store.sqlite", systems=own[1::2]) as found:
+        events = [event for event in found.events() if event["kind"] == "HALF"]
+        assert found.file.first.model.SYSTEM == "my-ball"
+    places = [HALF_AT * (50 / omega) ** 2 for omega in (49, 50)]
+    assert [event["value"] for event in events] == pytest.approx(places, rel=1e-13)
+    with (folder / "my_ball.py").open("a") as file:
+        file.write("# changed\n")
+    assert main([*study, *own]) == 2
+    assert "another study called 'ball' is in it" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
