@@ -158,6 +158,9 @@ def test_voltages_of_impacts():
     given["output"]["rate"]["per"] = "hour"
     with pytest.raises(InputError, match=r"output.rate.per: .*accepted are"):
         read_scene(given)
+    given["output"] = {"rate": {"mean": "v**2"}}
+    with pytest.raises(InputError, match=r"output.rate: found a table with mean; give an express"):
+        read_scene(given)
 
 
 @pytest.mark.parametrize(

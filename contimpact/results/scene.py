@@ -419,7 +419,14 @@ def _outputs(given: Mapping[str, Any], where: str, here: Any) -> tuple[Output, .
     for name, value in given.items():
         place = f"{where}.{name}"
         at_impacts, contacts, per = False, "", "impact"
+        accepted = (
+            "an expression in quotes, { before_impacts = an expression }, or "
+            "{ contacts = letters, mean = an expression }"
+        )
         if isinstance(value, Mapping):
+            if not {"before_impacts", "contacts"} & {*value}:
+                text = f"found a table with {', '.join(value) or 'nothing'}"
+                raise InputError(place, text, f"give {accepted}")
             own = Table(value, place)
             at_impacts = "contacts" not in value
             contacts = "" if at_impacts else own.get("contacts", str)
@@ -427,10 +434,6 @@ def _outputs(given: Mapping[str, Any], where: str, here: Any) -> tuple[Output, .
                 per = own.get("per", str, per, choices=("impact", "time"))
             value = own.get("before_impacts" if at_impacts else "mean", str)
             own.finish()
-        accepted = (
-            "an expression in quotes, { before_impacts = an expression }, or "
-            "{ contacts = letters, mean = an expression }"
-        )
         value = fit(value, str, place, Key(accepted=accepted))
         if _COLUMNS.fullmatch(name):
             text = f"{short_repr(name)} is or may be a column of tables"
