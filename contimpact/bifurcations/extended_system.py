@@ -521,17 +521,13 @@ that stands upright there: their folds lie within the square of this."""
 BESIDE = 1e-3
 """How near to such a branch point a fold is not told from it."""
 
-GLANCE = 0.1
-"""How far Newton's iteration goes from a fold, as `FAR`, to see whether it is one: a branch point
-beside it is much nearer."""
-
 
 class Crossing(ExtendedSystem):
     """Two branches cross, with respect to the first free parameter; nu measures how far from it."""
 
     def start(self, here: Linearisation) -> Array:
-        jacobian = here.jacobian[:, : self.problem.n + 1]
-        return np.concatenate([[0.0], unit_vector(here.singular_vectors(jacobian)[0][-1])])
+        """The column of the parameter tells nothing: it vanishes with the orbit at a rest."""
+        return np.concatenate([[0.0], null_vectors(here, 1.0)[0]])
 
     def assemble(self, here: Linearisation, own: Array) -> SystemEvaluation:
         problem, n = self.problem, self.problem.n
@@ -601,11 +597,18 @@ def form_at(solution: Solution, scale: Array) -> tuple[Array, Array]:
     return 0.5 * (form + form.T), null
 
 
-def stands_upright(point: OrbitPoint) -> bool:
-    """Whether two branches cross at a point, one of them with the parameter at rest."""
+def stands_upright(event: OrbitEvent) -> bool:
+    """Whether two branches cross at an event, one of them with the parameter at rest.
+
+    Orbits that shrink to a rest there are never near to it in their own sizes: the parameter tells.
+    """
+    point = event.point
     units = point.evaluation.problem.natural_units(point.unknowns)
-    solution = solve(Crossing(point.evaluation.problem), point.evaluation, GLANCE)
-    if solution is None or np.max(np.abs(solution.unknowns - point.unknowns) / units) > BESIDE:
+    solution = solve(Crossing(point.evaluation.problem), point.evaluation)
+    if solution is None:
+        return False
+    away = np.abs(solution.unknowns - point.unknowns)
+    if np.max(away / units) > BESIDE and away[-1] > event.error + solution.error:
         return False
     if not branches_cross(unfolding_of(solution)):
         return False

@@ -43,7 +43,7 @@ class Fold(SingularTest):
     def accept(self, event: OrbitEvent) -> bool:
         """A branch that passes a branch point sideways turns there too, but is not folded, nor is
         one of orbits that all belong to one value."""
-        if not super().accept(event) or stands_upright(event.point):
+        if not super().accept(event) or stands_upright(event):
             return False
         here = event.point.evaluation
         psi, q = null_vectors(here, 1.0)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from integrated import MASSES, Integrated, IntegratedMasses
 from scipy.integrate import solve_ivp
-from scipy.optimize import fsolve
+from scipy.optimize import brentq, fsolve
 
 import contimpact as ci
 from contimpact.accuracy.reference import Reference
@@ -285,3 +285,33 @@ def test_events_of_a_doubled_orbit_without_impacts_are_followed():
     curve = ci.follow_curve(doubling, None, "sigma", (0.18, 0.19), (1.29, 1.31))
     assert curve["a"] == pytest.approx(doubling.value, abs=1e-12)
     assert (curve["sigma"].min(), curve["sigma"].max()) == pytest.approx((1.29, 1.31))
+
+
+def test_a_branch_that_shrinks_to_a_rest_ends_at_the_resonance_of_small_motions():
+    """A pendulum whose weight oscillates hangs at rest up to a PD of Mathieu's equation."""
+
+    def hill(p):
+        def rates(t, y):
+            return [y[1], -0.1 * y[1] - (1.0 + p * np.cos(2.0 * t)) * y[0]]
+
+        ends = [
+            solve_ivp(rates, (0.0, np.pi), start, "DOP853", rtol=1e-13, atol=1e-15).y[:, -1]
+            for start in np.eye(2)
+        ]
+        return np.linalg.det(np.array(ends) + np.eye(2))
+
+    model = {
+        "system": "hybrid",
+        "period": "pi",
+        "modes": {"swing": {"x": "v", "v": "-v/10 - (1 + p*cos(2*t))*sin(x)"}},
+        "guards": {"R": {"within": "x <= s", "set": {"v": "-v/2"}}},
+        "parameters": {"p": 0.8, "s": 2.5},
+    }
+    follow = {"parameter": "p", "range": [0.1, 0.9], "orbits": ["0/2T"]}
+    scene = ci.read_scene({"name": "pendulum", "model": model, "follow": follow})
+    orbits = ci.find_orbits(scene.model, "0/2T", parameter="p", starts=64, rounds=1)
+    orbit = min(orbits, key=lambda one: abs(one.unknowns[0]))
+    branch = ci.continue_orbit(orbit, "p", (0.1, 0.9), events=["FB", "BP"])
+    (event,) = branch.events
+    assert event.kind == "BP"
+    assert abs(event.value - brentq(hill, 0.15, 0.25, xtol=1e-15)) < event.error + 1e-13
