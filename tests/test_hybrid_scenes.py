@@ -10,7 +10,7 @@ import pytest
 from event_driven import TIGHT, Between, Walker, random_scene, row_of
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
-from scipy.optimize import fsolve, minimize_scalar
+from scipy.optimize import brentq, fsolve, minimize_scalar
 
 from contimpact.diagrams.curves import follow_curve
 from contimpact.diagrams.explore import follow
@@ -324,6 +324,32 @@ def test_no_fold_is_born_where_a_touch_is_a_jump():
     (touch,) = continue_orbit(orbit, range=(-0.5, 0.0), events=["G"]).events
     curve = follow_curve(touch, "w", (-0.5, 0.5), (1.0, 1.8))
     assert [point.kind for point in curve.points] == ["G-PD", "G-PD"]
+
+
+def test_a_touch_of_a_contact_whose_law_has_no_series_is_an_event_nonetheless():
+    """Hertz' force at its guard: the whole run was lost."""
+    pytest.importorskip("heyoka", reason="needs contimpact[ode]")
+    beyond = {"d": "v", "v": "0.7*cos(w*t) - v/10 - d - 0.4 - 10*d**1.5"}
+    table = {
+        "name": "hertz",
+        "model": {
+            "system": "hybrid",
+            "period": "2*pi/w",
+            "parameters": {"w": 1.8},
+            "modes": {"free": {"x": "v", "v": "0.7*cos(w*t) - v/10 - x"}, "contact": beyond},
+            "guards": {
+                "C": {"mode": "free", "within": "x <= 0.4", "to": "contact", "set": {"d": 0}},
+                "R": {"mode": "contact", "within": "d >= 0", "to": "free", "set": {"x": 0.4}},
+            },
+        },
+        "follow": {"parameter": "w", "range": [1.5, 2], "orbits": ["0"], "switch": ["G"]},
+    }
+    diagram = follow(read_scene(table))
+    (touch,) = diagram["b1"].events
+    size = brentq(lambda w: 0.7 / math.hypot(1 - w * w, w / 10) - 0.4, 1.5, 2, xtol=1e-15)
+    assert (touch.kind, touch.becomes) == ("G", None)
+    assert abs(touch.value - size) <= touch.error + 1e-15
+    assert diagram.statistics["failure"] is None
 
 
 def test_sliding_that_ends_on_another_variable_is_born_at_its_grazing():

@@ -447,7 +447,8 @@ def _orbit_with_touches(event: OrbitEvent) -> Linearisation | None:
     """Return the orbit as one of the word with its touches counted as impacts, which it is none of
     where a touch is a jump.
 
-    None where a touch leads to another mode, and no short way back.
+    None where a touch leads to another mode, and no short way back, or to one whose laws have no
+    series on the guard.
     """
     here: Linearisation = event.point.evaluation
     problem, word, rows = here.problem, here.problem.word, here.problem.impacts(here.unknowns)
@@ -460,7 +461,10 @@ def _orbit_with_touches(event: OrbitEvent) -> Linearisation | None:
         added = _excursion_impacts(problem, here.unknowns, letters, touch)
         rows = _insert_impacts(rows, flight, added)
     longer = problem_of(problem.model, word, problem.kernels)
-    return longer.evaluate(longer.with_impacts(rows, here.span, here.unknowns))
+    try:
+        return longer.evaluate(longer.with_impacts(rows, here.span, here.unknowns))
+    except ArithmeticError:
+        return None
 
 
 def _own_excursion(event: OrbitEvent) -> str:

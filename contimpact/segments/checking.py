@@ -48,7 +48,9 @@ def check_motion(model: Model, wall: str, agreement: Callable[..., Sequence[floa
         if any(compared):
             return
     logger(__name__).warning(
-        "%s has no value at random states, or is too fast there: it is not checked", where
+        "%s: no flight from there at random states has a value, since the law has none, or no "
+        "series on the guard, as d**1.5 at d = 0, or is too fast: it is not checked",
+        where,
     )
 
 
