@@ -755,8 +755,10 @@ def _refusal(event: OrbitEvent, touches: int) -> str:
     here: Linearisation = event.point.evaluation
     problem = here.problem
     guard = problem.model.guard(event.details["wall"])
-    if problem.autonomous:
-        return "without forcing, an impact leaves no square root"
+    if problem.autonomous:  # the time of an impact matters where other coordinates move
+        alone = problem.model.DEGREES_OF_FREEDOM == 1
+        several = "the normal form is not computed for several coordinates"
+        return f"without forcing, {'an impact leaves no square root' if alone else several}"
     if not problem.paired:
         return f"the return map has {problem.m} dimensions"
     if not guard.rigid:

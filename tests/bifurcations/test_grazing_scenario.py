@@ -295,6 +295,46 @@ def test_where_the_normal_form_does_not_apply_it_says_why():
     assert not entry.scenario.windows
 
 
+def test_a_clock_that_switches_the_force_leaves_the_square_root():
+    """A hammer pushed for two fifths of each period. Motions that just hit the stop before the end
+    of a period are later for it by parts of the impact's velocity."""
+    model = {
+        "system": "hybrid",
+        "period": "T",
+        "modes": {
+            "push": {"x": "v", "v": "1 - v/5 - x", "s": "1/T"},
+            "rest": {"x": "v", "v": "-v/5 - x", "s": "1/T"},
+        },
+        "guards": {
+            "S": {"mode": "push", "within": "x <= 3/5", "set": {"v": "-v/2"}},
+            "K": {"mode": "rest", "within": "x <= 3/5", "set": {"v": "-v/2"}},
+            "E": {"mode": "push", "within": "s <= 2/5", "to": "rest"},
+            "B": {"mode": "rest", "within": "s <= 1", "to": "push", "set": {"s": 0}},
+        },
+        "parameters": {"T": 7.0},
+    }
+    follow = {"parameter": "T", "range": [6.8, 7.2], "orbits": ["SEB"]}
+    scene = ci.read_scene({"name": "hammer", "model": model, "follow": follow})
+    orbit = next(o for o in ci.find_orbits(scene.model, "SEB", "T", starts=64) if o.stable)
+    (entry,) = real_grazings(ci.continue_orbit(orbit, range=(6.8, 7.2), events=["G"]))
+
+    def moved(depth):
+        """What the rest of a period makes of a touch that is so much deeper."""
+        w = math.sqrt(1 - 0.01)
+
+        def free(x, v, t):
+            a, b = x, (v + 0.1 * x) / w
+            wave = [math.cos(w * t), math.sin(w * t)]
+            return math.exp(-0.1 * t) * (a * wave[0] + b * wave[1])
+
+        top, speed = 0.6 + depth, math.sqrt(2 * 0.6 * depth)
+        hit = speed / 0.6  # before the top
+        return free(0.6, -speed / 2, 1.0 + hit) - free(top, 0.0, 1.0)
+
+    assert moved(1e-8) / moved(1e-10) == pytest.approx(10, rel=1e-3)
+    assert "several coordinates" in entry.scenario.reason
+
+
 def test_scenarios_are_kept_in_files(tmp_path):
     pair = ci.ImpactPair(beta="pi/6", r=0.3, A=5.0, s=0.27)
     orbit = next(o for o in ci.find_orbits(pair, "3:1", "s") if o.physical and o.stable)
