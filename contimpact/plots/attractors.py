@@ -87,6 +87,8 @@ def motion(
     A periodic motion is closed, and repeated if `periods` is more than its own; of another one the
     `last` impacts are taken.
     """
+    if not attractor.times.size:
+        return _quiet_motion(simulator, attractor, periods)
     columns = [attractor.walls, attractor.velocities, attractor.released]
     columns += [attractor.others, attractor.held] if attractor.held.size else []
     if attractor.period is None:
@@ -107,6 +109,23 @@ def motion(
     )
     hits = [row for row in zip(times, walls, speeds, released, strict=True) if not row[3]]
     return t, z, v, [(time, int(wall), speed) for time, wall, speed, _ in hits]
+
+
+def _quiet_motion(
+    simulator: Simulator, attractor: Attractor, periods: int
+) -> tuple[Any, Any, Any, Any]:
+    """Return the same of a motion without impacts that has the forcing's period."""
+    from ..results.branch import orbit_with
+
+    assert attractor.motion is not None
+    model = attractor.require_model(simulator.model)
+    name, value = next(iter(model.values.items()))
+    orbit = orbit_with(model, ("", 1), name, np.append(attractor.motion, value))
+    t, x, v = orbit.motion()
+    guards, turns = model.WALLS, max(1, periods)
+    rows = np.array([guards[k].row(x.shape[1]) for k in coordinates_of(simulator)]).T
+    times = np.concatenate([t + turn * simulator.period for turn in range(turns)])
+    return times, np.tile(x @ rows, (turns, 1)), np.tile(v @ rows, (turns, 1)), []
 
 
 def attractor_of_run(run: Run, model: Model | None = None) -> Attractor:
@@ -159,7 +178,7 @@ def plot_portrait(
     ax = ax or style.new_figure(4.4, 4.0).add_subplot()
     handles = []
     _, z, v, touches = motion(simulator, attractor, last=LOOPS)
-    closed = attractor.period is not None
+    closed = attractor.period is not None or attractor.motion is not None
     for column, ink in _inks(simulator, INK_OF_PORTRAITS if closed else "0.45"):
         ax.plot(z[:, column], v[:, column], color=ink, linewidth=1.5 if closed else 0.3)
     handles.append(style.legend_mark(color=INK_OF_PORTRAITS, label=plain_text(attractor.notation)))
@@ -197,7 +216,7 @@ def _orbit_styles(labels: Sequence[str]) -> list[dict[str, Any]]:
 def plot_series(simulator: Simulator, attractor: Attractor, ax: Any = None) -> Any:
     """Draw position against time in forcing periods, with the walls and the touches."""
     ax = ax or style.new_figure(5.2, 3.0).add_subplot()
-    periods = 4 if attractor.period is not None else 0
+    periods = 4 if attractor.period is not None or attractor.motion is not None else 0
     t, z, _, touches = motion(simulator, attractor, periods)
     begin = np.floor(t[0] / simulator.period)
     for column, ink in _inks(simulator, INK_OF_PORTRAITS):
@@ -246,8 +265,10 @@ def portrait_figure(
     """Return a figure with the phase plane and the time series of an attractor."""
     figure = style.new_figure(9.0, 4.0)
     left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.5))
-    if not attractor.times.size:
-        left.set_title(plain_text(attractor.notation))
+    if not attractor.times.size and attractor.motion is None:
+        left.set_title(f"{plain_text(attractor.notation)}: no motion to draw")
+        for ax in (left, right):
+            ax.set_axis_off()
         return figure
     plot_portrait(simulator, attractor, left, others=others)
     plot_series(simulator, attractor, right)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import tomllib
 
 import numpy as np
@@ -19,9 +20,11 @@ from contimpact.results.options import Settling
 from contimpact.results.scene import read_scene
 from contimpact.simulation.run import State
 from contimpact.simulation.settle import settle
+from contimpact.simulation.simulator import Simulator
 from contimpact.simulation.sweep import Row, Simulators, Sweep, sweep
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.membrane import Membrane
+from contimpact.systems.oscillator import Oscillator
 
 QUICK = Settling(transient=50, periods=800, impacts=1500)
 SCENE = ROOT / "branches" / "fig7" / "scene.toml"
@@ -231,3 +234,19 @@ def test_basins_name_value_and_starts(simulation, kernels_of):
     pictures._head(ax.figure, simulation, found.parameters)
     assert "$s$ = 0.3562 m" in ax.figure.get_suptitle()
     assert np.sum(found.shares) == pytest.approx(1.0)
+
+
+def test_a_portrait_of_motion_without_impacts_draws_it():
+    """Both axes were empty."""
+    model = Oscillator(a=1.0, omega=2.5, c=0.1, k=1.0, sigma=0.5, r=0.8)
+    simulator = Simulator(model)
+    attractor = settle(simulator, simulator.state("S", time=1.2, velocity=0.1))
+    assert not attractor.times.size
+    left, right = portrait_figure(simulator, attractor, {}).axes
+    size = 1.0 / math.hypot(1.0 - 2.5**2, 0.1 * 2.5)
+    position, velocity = left.lines[0].get_data()
+    assert [position.max(), velocity.max()] == pytest.approx([size, 2.5 * size], rel=1e-3)
+    times, again = right.lines[0].get_data()
+    assert (times[0], times[-1], again.max()) == pytest.approx((0.0, 4.0, size), rel=1e-3)
+    left, right = portrait_figure(simulator, dataclasses.replace(attractor, motion=None), {}).axes
+    assert not (left.axison or right.axison)
