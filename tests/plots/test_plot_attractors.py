@@ -249,4 +249,4 @@ def test_a_portrait_of_motion_without_impacts_draws_it():
     times, again = right.lines[0].get_data()
     assert (times[0], times[-1], again.max()) == pytest.approx((0.0, 4.0, size), rel=1e-3)
     left, right = portrait_figure(simulator, dataclasses.replace(attractor, motion=None), {}).axes
-    assert not (left.axison or right.axison)
+    assert (left.axison, right.axison) == (False, False)
