@@ -177,20 +177,18 @@ def sliding_kind_of_touch(problem: OrbitProblem, details: Details) -> str | None
         slid = is_sliding(model, guard.next_mode) and not begins_on_surface(problem.kernels, *begun)
         return SWITCHING if slid else None
     touched = model.guard(details["wall"])
-    if is_sliding(model, touched.modes[0]):
-        return ADDING
-    return GRAZING if is_sliding(model, touched.next_mode) else None
+    slides, then = (is_sliding(model, mode) for mode in (touched.modes[0], touched.next_mode))
+    return None if slides == then else ADDING if slides else GRAZING
 
 
 def sliding_kind_of_zero_velocity(
     problem: OrbitProblem, unknowns: Array, impact: int
 ) -> str | None:
     """Return which sliding bifurcation a V is."""
-    guard = guard_at(problem, impact)
-    if is_sliding(problem.model, guard.modes[0]):
-        return ADDING
-    if not is_sliding(problem.model, guard.next_mode):
-        return None
+    guard, model = guard_at(problem, impact), problem.model
+    slides, then = (is_sliding(model, mode) for mode in (guard.modes[0], guard.next_mode))
+    if slides or not then:
+        return ADDING if slides and not then else None
     before = (impact - 1) % len(problem.word)
     return (
         sliding_kind_of_zero_duration(problem, before)

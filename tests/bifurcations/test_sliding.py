@@ -12,10 +12,13 @@ import re
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import fsolve
 
 import contimpact as ci
+from contimpact.bifurcations.kind import kind_of
 from contimpact.continuation.settings import Settings
 from contimpact.models.guards import Word
+from contimpact.results.diagram import event_of
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.belt import Belt
 
@@ -176,3 +179,61 @@ def test_of_orbits_of_several_laps_only_one_slides_physically(laps):
         assert event.ghost == (laps != (1,))
         depth = re.search(r"passes wall S by (\S+) at", event.why or "")
         assert depth is None or float(depth[1]) > 1e-10  # of 7e-6 squared, not rounding
+
+
+def test_a_wall_in_a_mode_of_fewer_coordinates_is_no_limit_of_sliding():
+    """A woodpecker: its sleeve falls, or jams where the bird leans to either side, which hits the
+    pole there. The hit was taken for an end of sliding, and its branch had no second point."""
+    jam = {"p": "q", "q": "65.4 - 3*q - 250*p"}
+    model = {
+        "system": "hybrid",
+        "period": 0.2,
+        "modes": {"down": {"p": "q", "q": "-2500*p - 3*q", "u": "9.81"}, "forth": jam, "back": jam},
+        "guards": {
+            "H": {
+                "mode": "down",
+                "within": "p <= 0.1",
+                "to": "forth",
+                "set": {"q": "e*q + u*40/3"},
+            },
+            "F": {"mode": "forth", "within": "p >= 0.1", "to": "down", "set": {"u": 0}},
+            "L": {
+                "mode": "down",
+                "within": "p >= -0.1",
+                "to": "back",
+                "set": {"q": "e*q - u*10/3"},
+            },
+            "G": {"mode": "back", "within": "p <= -0.1", "to": "down", "set": {"u": 0}},
+            "B": {"mode": "back", "within": "p >= -0.3", "set": {"q": "-2*q/5"}},
+        },
+        "parameters": {"e": 1.1},
+    }
+    follow = {"parameter": "e", "range": [1.05, 1.2], "orbits": ["HFLG"]}
+    scene = ci.read_scene({"name": "woodpecker", "model": model, "follow": follow})
+    orbits = ci.find_orbits(scene.model, "HFLG", "e", starts=128)
+    orbit = next(o for o in orbits if o.stable and o.physical)
+    (touch,) = ci.continue_orbit(orbit, range=(1.05, 1.2), events=["G"]).events
+    assert kind_of("G").sliding(event_of(touch)) is None
+
+    def swing(p, q, k, force, t):
+        w, away = math.sqrt(k - 2.25), p - force / k
+        a, b = away, (q + 1.5 * away) / w
+        wave = np.array([[math.cos(w * t), math.sin(w * t)], [-math.sin(w * t), math.cos(w * t)]])
+        z, v = math.exp(-1.5 * t) * wave @ [a, b]
+        return force / k + z, w * v - 1.5 * z
+
+    def once(given, e):
+        q, u, forth, down, hit, back, again = given
+        p1, q1 = swing(0.1, e * q + u * 40 / 3, 250, 65.4, forth)
+        p2, q2 = swing(0.1, q1, 2500, 0, down)
+        p3, q3 = swing(-0.1, e * q2 - 9.81 * down * 10 / 3, 250, 65.4, hit)
+        p4, q4 = swing(-0.3, -0.4 * q3, 250, 65.4, back)
+        p5, q5 = swing(-0.1, q4, 2500, 0, again)
+        ends = [p1 - 0.1, p2 + 0.1, p3 + 0.3, p4 + 0.1, p5 - 0.1, q5 - q, 9.81 * again - u]
+        return ends, q3
+
+    born = ci.continue_born(touch, range=(1.05, 1.2), values={"e": [1.15]})
+    found = next(e.orbit() for e in born.events if e.kind == "UZ")
+    guess = [5.7, 0.27, 0.239, 0.0275, 0.04, 0.052, 0.0275]
+    hit = once(fsolve(lambda z: once(z, 1.15)[0], guess, xtol=1e-13), 1.15)[1]
+    assert found.velocities[3] == pytest.approx(hit, rel=1e-10)
