@@ -219,20 +219,24 @@ def number(text: str, where: str, values: Mapping[str, float] | None = None) -> 
 
 
 def check_expression(
-    text: str, where: str, variables: Sequence[str], growing: bool = False
+    text: str,
+    where: str,
+    variables: Sequence[str],
+    growing: bool = False,
+    values: Mapping[str, float] | None = None,
 ) -> float:
     """Check what can be checked of an expression of variables, `FUNCTIONS` and `CONSTANTS` without
     SymPy: syntax, names, finite constants. Returns about how many terms arise when it is expanded.
 
     Where it may be `growing`, exp(), sinh() and cosh() may be of anything; else they have to stay
-    finite whatever the variables.
+    finite whatever the variables. Those of the variables that have `values` are numbers.
 
     Raises InputError, naming `where`, if anything else is in it, if a part without variables has no
     finite real value, or if exponents, functions of functions or arguments of exp() have no bound.
     """
     functions = {name: _extent_function(name, growing) for name in FUNCTIONS}
     constants = {name: getattr(math, name) for name in CONSTANTS}
-    names = functions | constants | dict.fromkeys(variables, Extent())
+    names = functions | constants | dict.fromkeys(variables, Extent()) | dict(values or {})
     try:
         value = _Checker(text, where, names, float).value()
     except InputError:
@@ -245,6 +249,19 @@ def check_expression(
         accepted = "use numbers and functions where they are finite and real"
         raise InputError(where, found, accepted) from None
     return value.work if isinstance(value, Extent) else 1.0
+
+
+def check_at_values(texts: Mapping[str, str], values: Mapping[str, float]) -> None:
+    """Refuse values at which one of some expressions, by their places, has none whatever its other
+    variables are."""
+    for where, text in texts.items():
+        names = [name for name in names_in(text) if name not in (*FUNCTIONS, *CONSTANTS)]
+        if used := {name: values[name] for name in names if name in values}:
+            try:
+                check_expression(text, where, names, growing=True, values=used)
+            except InputError as error:
+                told = ", ".join(f"{name} = {value:.6g}" for name, value in used.items())
+                raise InputError(where, f"at {told}, {error.found}", error.accepted) from None
 
 
 def values_of(

@@ -23,6 +23,7 @@ from .expressions import (
     FUNCTIONS,
     Combination,
     arguments_in,
+    check_at_values,
     check_expression,
     combination_of,
     names_in,
@@ -435,6 +436,11 @@ def check_values(machine: Machine, values: Mapping[str, float]) -> None:
         for i, row in enumerate(machine.mass)
     ]
     _check_mass(mass)
+    texts = {f"force[{i}]": text for i, text in enumerate(machine.force)}
+    for name, matrix in (("damping", machine.damping), ("stiffness", machine.stiffness)):
+        rows = enumerate(matrix)
+        texts |= {f"{name}[{i}][{j}]": e for i, row in rows for j, e in enumerate(row)}
+    check_at_values(texts, values)
     for guard in machine.guards:
         where = f"guards.{guard.name}.restitution"
         restitution = number(guard.restitution, where, values)

@@ -14,7 +14,7 @@ from random import Random
 from typing import Any, TypeAlias
 
 from ..errors import InputError, count_text, did_you_mean, require_known, short_repr
-from .expressions import CONSTANTS, FUNCTIONS, check_expression, names_in, number
+from .expressions import CONSTANTS, FUNCTIONS, check_at_values, check_expression, names_in, number
 from .machine import (
     MOST_COORDINATES,
     ROUNDING,
@@ -340,8 +340,12 @@ def _check_mass(given: StatedModes) -> None:
             raise InputError(f"mass.{name}", "missing", "give each coordinate its mass, or 0")
 
 
-def check_masses(given: StatedModes, values: Mapping[str, float]) -> None:
-    """Refuse negative masses."""
+def check_values(given: StatedModes, values: Mapping[str, float]) -> None:
+    """Refuse parameter values at which a law has none, and negative masses."""
+    texts = {f"define.{name}": text for name, text in given.definitions}
+    for mode in given.modes:
+        texts |= {f"modes.{mode.name}.{name}": law for name, law in mode.laws}
+    check_at_values(texts, values)
     for name, text in given.mass:
         mass = number(text, f"mass.{name}", values)
         if mass < 0.0:

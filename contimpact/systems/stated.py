@@ -25,11 +25,11 @@ from ..models.stated_modes import (
     StatedMode,
     StatedModes,
     check_guard_images,
-    check_masses,
     guard_images,
     symmetric_shift,
     usable_definitions,
 )
+from ..models.stated_modes import check_values as check_values_of_laws
 
 _LINEAR = """\
 coordinates = ["x1", "x2"]           # M x'' + C x' + K x = f(t)
@@ -220,8 +220,8 @@ class HybridSystem(StatedSystem):
         }
 
     def validate(self) -> None:
-        """Refuse masses below zero."""
-        check_masses(self.machine, self.values)
+        """Refuse laws without a value, and masses below zero."""
+        check_values_of_laws(self.machine, self.values)
 
     def state_names(self, mode: str) -> list[tuple[str, str]]:
         """Return the names in the mode's laws."""

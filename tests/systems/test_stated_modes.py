@@ -112,6 +112,11 @@ def test_models_are_copied_and_pickled_and_stand_in_entries():
         (guard(within="x <= sigma*cos(t)"), r"S\.within: 't' in .* depends on the time"),
         (laws(x="v", v="-x + q"), r"model\.modes\.free\.v: unknown name 'q'"),
         (laws(a="v", v="-x"), r"model\.modes\.free\.a: the name 'a'"),
+        (laws(x="v", v="drive - c*v - x/(sigma - 0.5)"), r"free\.v: at c = 0\.1, sigma = 0\.5, "),
+        (
+            laws(x="v", v="drive - v - x*log(c - 1)"),
+            r"free\.v: at c = 0\.1, .* no finite real value",
+        ),
         ({"period": "-1"}, r"model\.period: it is -1"),
     ],
 )
