@@ -244,6 +244,7 @@ class _Explorer:
             from .crisis_location import require_one_coordinate
 
             require_one_coordinate(scene.model, self.kernels, "detect.crises")
+        self.kernels.require_room(scene.model)
         try:
             for word in scene.orbits:
                 self.problem(word)

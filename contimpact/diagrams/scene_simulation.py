@@ -138,6 +138,7 @@ class _Director:
         self.scene, self.progress, self.show = scene, RememberedProgress(progress), show
         self.options: SimulateOptions = scene.simulate
         kernels = Kernels(scene.model, scene.parameter)
+        kernels.require_room(scene.model)
         if self.options.losses:
             from ..simulation.energy import require_masses
 

@@ -537,6 +537,7 @@ def find_orbits(
         )
     first = list(model.values)[-1 if model.autonomous else 0]
     kernels = kernels or Kernels(model, parameter or first)
+    kernels.require_room(model)
     found = orbits_search.find_orbits(
         model, word, kernels=kernels, rng=rng, starts=starts, rounds=rounds, progress=progress
     )

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import itertools
 import json
 import re
 from collections.abc import Callable
@@ -16,7 +17,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ..errors import InputError
-from ..models.guards import are_parallel, following_letters, orders_of, rival_factor
+from ..models.guards import are_parallel, following_letters, orders_of, pivot, rival_factor
 from ..models.model import Model
 from ..models.sources import digests
 from ..storage import cache_folder, load_file, logger, reason, store_file, warn_uncached
@@ -137,6 +138,23 @@ class Kernels:
     def setup(self) -> Kernel:
         """``setup(*p)``: the `Setup`, what depends on the parameters alone."""
         return self.kernel("setup")
+
+    def require_room(self, model: Model) -> None:
+        """Raise `InputError` where no motion fits between two rigid walls of a mode."""
+        places = self.setup(*model.values.values()).walls
+        bounds = []
+        for guard, place in zip(model.WALLS, places, strict=True):
+            row = guard.row(model.DEGREES_OF_FREEDOM)
+            factor = row[pivot(row)]
+            bounds += [(guard, row, factor * guard.side, place / factor)] if guard.rigid else []
+        for (one, row, side, low), (other, against, beyond, high) in itertools.permutations(
+            bounds, 2
+        ):
+            facing = side < 0 < beyond and one.modes == other.modes and are_parallel(row, against)
+            if facing and low > high:
+                found = f"the wall {one.name} is at {low:.6g}, beyond {other.name} at {high:.6g}: "
+                found += "there is no place between them"
+                raise InputError("model", found, "exchange or move them, by their parameters")
 
     @functools.cached_property
     def harmonics(self) -> Kernel:

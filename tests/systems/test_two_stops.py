@@ -7,6 +7,7 @@ import math
 import pytest
 
 from contimpact import continue_orbit, find_orbits
+from contimpact.errors import InputError
 from contimpact.systems.two_stops import TwoStops
 
 
@@ -33,3 +34,11 @@ def test_both_touches_of_a_symmetric_orbit_stand_in_order_of_flights(symmetric, 
     assert [(e.flight, e.wall) for e in (high, also_high)] == [(0, "R"), (1, "L")]
     places = [event.arclength for event in branch.events]
     assert places == sorted(places)
+
+
+def test_stops_beyond_each_other_are_refused():
+    """-0.5 given as the left stop's place is its distance."""
+    model = TwoStops(a=1.0, omega=1.7, c=0.1, k=0.0, sigma_R=0.4, sigma_L=-0.5, r=0.7)
+    with pytest.raises(InputError, match=r"the wall L is at 0\.5, beyond R at 0\.4"):
+        find_orbits(model, "RL")
+    find_orbits(model.replace(sigma_L=-0.3), "RL", starts=8, rounds=1)  # on one side of zero
