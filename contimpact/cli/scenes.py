@@ -186,8 +186,8 @@ def _start_lines(scene: Scene, tell: Progress) -> tuple[Sequence[float], list[st
     from ..segments.kernels import Kernels
 
     kernels = Kernels(scene.model, scene.parameter)
-    kernels.require_room(scene.model)
     try:
+        kernels.require_room(scene.model)
         derived = kernels.setup(*scene.model.values.values()).derived
         if scene.simulate is not None and scene.simulate.losses:
             from ..simulation.energy import require_masses

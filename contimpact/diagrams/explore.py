@@ -244,8 +244,8 @@ class _Explorer:
             from .crisis_location import require_one_coordinate
 
             require_one_coordinate(scene.model, self.kernels, "detect.crises")
-        self.kernels.require_room(scene.model)
         try:
+            self.kernels.require_room(scene.model)
             for word in scene.orbits:
                 self.problem(word)
         except InputError as error:

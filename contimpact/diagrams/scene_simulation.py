@@ -138,7 +138,6 @@ class _Director:
         self.scene, self.progress, self.show = scene, RememberedProgress(progress), show
         self.options: SimulateOptions = scene.simulate
         kernels = Kernels(scene.model, scene.parameter)
-        kernels.require_room(scene.model)
         if self.options.losses:
             from ..simulation.energy import require_masses
 
@@ -196,6 +195,7 @@ class _Director:
 
     def sweep(self) -> None:
         """Each direction, going on after the rows there are."""
+        self.simulators.kernels.require_room(self.scene.model)
         options, rows = self.options, self.result.sweep.rows
         clock = _Clock("sweep", len(options.sweeps()) * options.values, self.progress)
         for direction, values in options.sweeps():
