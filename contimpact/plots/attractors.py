@@ -663,8 +663,7 @@ def plot_energy(
 
 def _branch_voltages(ax: Any, membrane: Membrane, diagram: Diagram, x: str) -> list[Any]:
     walls = list(dict.fromkeys(wall for b in diagram.branches for wall in sorted(b.word)))
-    system = diagram.branches[0].system if diagram.branches else ""
-    colours = style.colours_of(walls_of(system, walls))
+    colours = style.colours_of(walls_of(diagram.branches, walls))
     used: set[str] = set()
     for branch in diagram.branches:
         if branch.period > 1:

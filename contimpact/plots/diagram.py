@@ -167,8 +167,7 @@ def plot_diagram(
         write_heading(ax.figure, heading(diagram))
     series = series_by_branch(diagram, y, membrane)
     names = list(dict.fromkeys(n for one in series for n in sorted(each.name for each in one)))
-    system = diagram.branches[0].system if diagram.branches else ""
-    known = colours_of(walls_of(system, names))
+    known = colours_of(walls_of(diagram.branches, names))
     colours = {name: colour for name, colour in known.items() if name in names}
     whole = branches_drawn_whole(diagram, unphysical)
     pieces = pieces_of(diagram, series, column, xlim, whole)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,8 +20,8 @@ from matplotlib.transforms import ScaledTranslation
 
 from ..arrays import Array
 from ..bifurcations.kind import kind_of
-from ..errors import printable, shorten
-from ..results.branch import STATUS, Branch, Entry, first_unknown, shared_parameters
+from ..errors import InputError, printable, shorten
+from ..results.branch import STATUS, Branch, Entry, first_unknown, model_at, shared_parameters
 from ..results.diagram import Diagram
 from ..results.quantities import (
     GREEK,
@@ -399,10 +400,11 @@ def units_of(system: str) -> dict[str, str]:
     return units
 
 
-def walls_of(system: str, names: Sequence[str]) -> list[str]:
+def walls_of(branches: Sequence[Branch], names: Sequence[str]) -> list[str]:
     """Return names of walls in the order of their system, if it is known; other names as given."""
-    found = _class(system)
-    walls = [wall.name for wall in getattr(found, "WALLS", ())]  # classes of scenes have none
+    walls: Sequence[str] = ()
+    with contextlib.suppress(InputError, IndexError):
+        walls = model_at(branches[0], 0).letters
     return list(dict.fromkeys([*(walls if {*walls} & {*names} else ()), *names]))
 
 

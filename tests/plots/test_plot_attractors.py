@@ -250,3 +250,33 @@ def test_a_portrait_of_motion_without_impacts_draws_it():
     assert (times[0], times[-1], again.max()) == pytest.approx((0.0, 4.0, size), rel=1e-3)
     left, right = portrait_figure(simulator, dataclasses.replace(attractor, motion=None), {}).axes
     assert (left.axison, right.axison) == (False, False)
+
+
+def test_walls_of_a_stated_system_have_one_colour_in_all_pictures():
+    """Guards are not in the order of the alphabet: circles had the colour of the other wall."""
+    model = {
+        "system": "linear",
+        "coordinates": ["x"],
+        "mass": [1],
+        "damping": [0.1],
+        "force": ["3/10 + cos(w*t)"],
+        "period": "2*pi/w",
+        "guards": {
+            "R": {"within": "x <= 0.5", "restitution": 0.6},
+            "L": {"within": "x >= -0.5", "restitution": 0.6},
+        },
+        "parameters": {"w": 2.8},
+    }
+    given = {"parameter": "w", "range": [2.3, 2.9], "orbits": ["RL"]}
+    scene = read_scene({"name": "rattle", "model": model, "follow": given})
+    diagram = follow(scene)
+    found = sweep(scene.model, "w", [2.4, 2.3], settling=QUICK)
+    assert {tuple(row.attractor.word) for row in found.rows} == {("R", "L")}
+    ax = pictures.plot_sweep(found, diagram=diagram)
+    stable = {line.get_color() for line in ax.lines if line.get_linestyle() == "-"}
+    hits = {True: set(), False: set()}
+    for line in ax.lines:
+        speeds = line.get_ydata()
+        if line.get_color() in stable and len(speeds) and np.all(np.abs(speeds) > 0.5):
+            hits[bool(speeds[0] > 0)].add(line.get_color())
+    assert hits == {True: {pictures.style.COLOURS[0]}, False: {pictures.style.COLOURS[1]}}
