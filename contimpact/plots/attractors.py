@@ -266,7 +266,7 @@ def portrait_figure(
     figure = style.new_figure(9.0, 4.0)
     left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.5))
     if not attractor.times.size and attractor.motion is None:
-        left.set_title(f"{plain_text(attractor.notation)}: no motion to draw")
+        left.set_title(f"{plain_text(attractor.notation)}: its motion is not known", loc="left")
         for ax in (left, right):
             ax.set_axis_off()
         return figure

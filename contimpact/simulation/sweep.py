@@ -891,6 +891,8 @@ def _uncovered_groups(rows: Sequence[Row], sweep: Sweep) -> list[UncoveredGroup]
             why = "no branch has this orbit"
         elif a.motion is not None:
             why = f"{a.notation}: the word 0 is that of the first mode"
+        elif a.kind is Kind.NO_IMPACT:
+            why = f"{a.notation}: its motion, which may be an orbit 0, is not known"
         scene = scene_fragment(middle, sweep) if periodic else None
         what = (a.kind.value, a.notation, a.word, a.period)
         found.append(UncoveredGroup(*what, group[0].value, group[-1].value, len(group), why, scene))

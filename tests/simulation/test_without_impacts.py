@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from copy import deepcopy
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -245,6 +246,16 @@ def test_where_no_branch_has_them_a_scene_would_follow_them(simulated):
     assert (uncovered.kind, uncovered.count) == ("no impact", 3)
     assert uncovered.why == "no branch has this orbit"
     assert 'orbits = ["0"]' in uncovered.scene
+
+
+def test_of_a_motion_that_is_not_known_it_is_not_said_that_no_orbit_is_it(simulated):
+    sweep, unknown = simulated.sweep, {"motion": None}
+    rows = [replace(row, attractor=replace(row.attractor, **unknown)) for row in sweep.rows]
+    (uncovered,) = cover(replace(sweep, rows=rows), Diagram("none", [])).uncovered
+    assert (uncovered.scene, uncovered.why) == (
+        None,
+        "no impact: its motion, which may be an orbit 0, is not known",
+    )
 
 
 @pytest.mark.full
