@@ -508,8 +508,22 @@ def _changes_acceleration(orbit: Linearisation, impact: int, wall: str) -> bool:
 
 def _leaves_no_trace(orbit: Linearisation, there: Array) -> bool:
     """Whether impacts can move together, to the first order, so that no flight before or after
-    them changes at its other end."""
+    them changes at its other end; without forcing also in time, with all impacts before them."""
+    if orbit.problem.autonomous:
+        return _leaves_no_trace_but_time(orbit, np.flatnonzero(there))
     return trace_of(orbit, np.flatnonzero(np.repeat(there, orbit.problem.m))) < NO_TRACE
+
+
+def _leaves_no_trace_but_time(orbit: Linearisation, there: Array) -> bool:
+    problem, (rows, sizes) = orbit.problem, orbit.sizes
+    n, m, first = problem.n, problem.m, int(there[0])
+    columns = orbit.jacobian[:, :n] / rows[:, None]
+    times = columns[:, ::m] * sizes[0]  # the first impact leaves at minus the period
+    others = times[:, :first] if first else np.delete(times, there, axis=1)
+    moved = columns[:, (m * there[:, None] + np.arange(m)).ravel()]
+    own = moved * sizes[:n].reshape(-1, m)[there].ravel()
+    together = np.column_stack([own, others.sum(axis=1)]) if others.size else own
+    return bool(np.linalg.norm(together, -2) < NO_TRACE)
 
 
 Counted: TypeAlias = Callable[["CurvePoint"], Linearisation]

@@ -932,3 +932,29 @@ def test_small_steps_are_no_parameter_that_changes_no_more():
     branch = ci.continue_orbit(orbit, "g", (0.01, 1.0), events=[], settings=small)
     assert branch["g"].min() == pytest.approx(0.462407084054923, abs=1e-4)
     assert "changes no more" not in branch.ends[0].message
+
+
+@pytest.mark.parametrize("longer", [False, True])
+def test_a_grazing_that_only_skips_time_bears_no_fold(longer):
+    """An impact at rest moves nothing but the times after it, so that the parameter rests along the
+    branch born there, all along the curve. Rounding decided on the sign of a determinant: of the
+    grazing at all values of epsilon there were five points, and 21 that were not located."""
+    pytest.importorskip("heyoka", reason="needs contimpact[ode]")
+    model = VanDerPol(epsilon=1.0, sigma=2.2, r=0.8)
+    (orbit,) = ci.find_orbits(model, "0", parameter="sigma")
+    (touch,) = ci.continue_orbit(orbit, range=(1.9, 2.3), events=["G"]).events
+    if longer:
+        born = ci.continue_born(touch, range=(1.9, 2.3), events=["V"])
+        (touch,) = (e for e in born.events if e.kind == "V")
+    curve = ci.follow_curve(touch, None, "epsilon", (1.9, 2.3), (0.8, 1.3))
+    assert (curve.points, curve.missed) == ([], [])
+
+    def cycle(t, y):
+        return [y[1], 1.3 * (1 - y[0] ** 2) * y[1] - y[0]]
+
+    def turns(t, y):
+        return y[1]
+
+    turns.direction = -1.0
+    motion = solve_ivp(cycle, (0, 80), [2, 0], "DOP853", events=turns, rtol=1e-12, atol=1e-13)
+    assert curve["sigma"].max() == pytest.approx(motion.y_events[0][-1][0], abs=1e-9)
