@@ -529,6 +529,10 @@ LEAVING = (1e-8, 1e-6, 1e-4, 1e-2)
 ON_CIRCLE = 1e-6
 """A multiplier nearer to the unit circle than this, so near to an event, tells nothing."""
 
+TURNING = 1e5
+"""Nor does one so much larger than at the first point: it passes infinity where an impact is at
+rest, on a side that the residual of the point may decide."""
+
 BLURRED = 10.0
 """How near to a branch point the status of points tells nothing, in roots of the tolerance."""
 
@@ -624,7 +628,9 @@ def _ends_of_leaving(
         beside = arc.at(fraction)
         if beside is None or not arc.left.arclength < beside.arclength < first.arclength:
             continue
-        if np.all(np.abs(np.abs(beside.evaluation.multipliers) - 1.0) > ON_CIRCLE):
+        sizes = np.abs(beside.evaluation.multipliers)
+        told = np.max(sizes) < TURNING * np.max(np.abs(first.evaluation.multipliers))
+        if told and np.all(np.abs(sizes - 1.0) > ON_CIRCLE):
             return [(beside, first)] if _count_outside(beside) != _count_outside(first) else []
     return []
 

@@ -33,6 +33,9 @@ from .kind import Change, CurvePoint, Details, Equations, Kind, Look, System, Va
 RESONANT = 1e-5
 """How far from the unit circle a double multiplier is seen, known to the root of rounding."""
 
+ENORMOUS = 1e7
+"""Size of a multiplier whose sign, beside an impact at rest, may be that of a residual."""
+
 
 class NeimarkSacker(OrbitTest):
     """The product of two multipliers minus one."""
@@ -44,9 +47,10 @@ class NeimarkSacker(OrbitTest):
         return neimark_sacker(orbits.products)[:, None]
 
     def enters(self, point: OrbitPoint, index: int) -> bool:
-        """Where an impact is at rest, multipliers are quotients of rounding: a jump there says
-        nothing."""
-        return point.evaluation.unbounded
+        """Where an impact is at rest, or as slow as points are solved to, a multiplier passes
+        infinity: a jump there says nothing."""
+        here = point.evaluation
+        return here.unbounded or bool(np.max(np.abs(here.multipliers)) > ENORMOUS)
 
     def accept(self, event: OrbitEvent) -> bool:
         return pair_on_circle(event.point.evaluation.multipliers)
