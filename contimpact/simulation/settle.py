@@ -274,7 +274,7 @@ def _exponents_by_qr(simulator: Simulator, state: State, run: Run) -> Exponents:
         with np.errstate(divide="ignore"):
             logs.append(np.log(np.abs(np.diag(r))))
         if not (before.released or after.released or after.held):
-            _without_rounding(logs[-1], simulator, before, after)
+            _without_rounding(logs[-1], step, simulator, before, after)
         before, scale = after, next_scale
     table = np.array(logs).reshape(-1, m)
     means = [_mean(column) for column in table.T.tolist()]
@@ -286,14 +286,17 @@ def _exponents_by_qr(simulator: Simulator, state: State, run: Run) -> Exponents:
     return Exponents(per_impact, scatter, restitution, len(table), periods, run.end)
 
 
-def _without_rounding(logs: Array, simulator: Simulator, before: State, after: State) -> None:
+def _without_rounding(
+    logs: Array, step: Array, simulator: Simulator, before: State, after: State
+) -> None:
     """Take out what is rounding of the logarithms of a diagonal; one alone is what is left of the
-    determinant."""
+    determinant, which is zero where the state has a number that the flight does not depend on."""
     lost = logs < np.max(logs) + math.log(CANCELS)
-    if np.any(lost):
-        rest = math.fsum(logs[~lost])
-        one = np.count_nonzero(lost) == 1
-        logs[lost] = _contraction(simulator, before, after) - rest if one else math.nan
+    if np.count_nonzero(lost) > 1:
+        logs[lost] = math.nan
+    elif np.any(lost):
+        rest, regular = math.fsum(logs[~lost]), step.any(axis=0).all()
+        logs[lost] = _contraction(simulator, before, after) - rest if regular else -math.inf
 
 
 def _contraction(simulator: Simulator, before: State, after: State) -> float:

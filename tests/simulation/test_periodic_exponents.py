@@ -172,7 +172,7 @@ def test_exponents_of_any_motion_of_several_coordinates(c):
 
 def test_several_that_are_rounding_are_unknown():
     logs = np.array([1.0, -30.0, 0.0, -40.0])
-    _without_rounding(logs, None, None, None)
+    _without_rounding(logs, np.eye(4), None, None, None)
     assert logs.tolist() == pytest.approx([1.0, math.nan, 0.0, math.nan], nan_ok=True)
 
 
