@@ -45,6 +45,8 @@ class Departure:
     """Accelerations at the end, by the equations of motion."""
     by_state: tuple[Expr, ...]
     """The same in the time `T0`, and positions and velocities as `state_symbols` names them."""
+    rates: tuple[Expr, ...]
+    """In these symbols, the velocities, which are laws of coordinates of first order."""
 
     @property
     def now(self) -> list[Expr]:
@@ -134,6 +136,7 @@ def departure(
     x, v = state_symbols(size)
     laws = law(T0, x, v)
     by_state = _accelerations(laws, present, x, v)
+    rates = tuple(s if order == 2 else e for e, s, order in zip(laws, v, present, strict=True))
     pushed = law(PHASE + DT, now, end)
     if len(second) < size:
         flying = dict(zip([T0, *x, *v], [PHASE + DT, *now, *end], strict=True))
@@ -142,9 +145,8 @@ def departure(
     if len(second) < size:
         flying = dict(zip([T0, *x], [PHASE, *position], strict=True))
         flying |= {v[i]: speed for i, speed in zip(second, velocity, strict=True)}
-        rates = [s if order == 2 else e for e, s, order in zip(laws, v, present, strict=True)]
         begun = tuple(sympy.sympify(e).xreplace(flying) for e in rates)
-    parts = (tuple(position), begun, mean, end, pushed, by_state)
+    parts = (tuple(position), begun, mean, end, pushed, by_state, rates)
     return Departure(*(_pad_coordinates(part, orders) for part in parts))
 
 

@@ -199,7 +199,7 @@ def _check_laws(model: Model, writer: KernelWriter, kernels: Agreements) -> None
     compiled code take it from there, whatever the flight was given."""
     size, values = model.DEGREES_OF_FREEDOM, list(model.values.values())
     for guard in model.WALLS:
-        if orders_of(model.MODES, guard.next_mode, size) != (2,) * size:
+        if not all(orders_of(model.MODES, guard.next_mode, size)):
             continue
         name, random = f"law_{guard.name}", Random(7)
         law = kernel_of(name, writer.write(name), f"<{name}>")

@@ -23,6 +23,7 @@ from sympy.printing.pycode import PythonCodePrinter
 
 from ..errors import InputError
 from ..models.equations import Departure, combine_rows, equations_of, state_symbols
+from ..models.guards import orders_of
 from ..models.linear import EndFlow, MeanFlow, law_of, rows_of
 from ..models.model import Model
 from ..models.nonlinear import Flown
@@ -432,7 +433,7 @@ class KernelWriter:
     def write(self, name: str) -> str:
         """Return the source of the kernel `name`: ``setup``, ``harmonics``, ``surfaces``,
         ``flight_<a>_<b>``, ``motion_<a>``, ``states_<a>``, ``since_<a>``, ``passing_<a>``,
-        ``gap_<a>_<b>``, ``law_<a>``, ``field_<a>``, ``loss_<a>`` or
+        ``gap_<a>_<b>``, ``law_<a>``, ``rates_<a>``, ``field_<a>``, ``loss_<a>`` or
         ``agreement_<a>_<coordinate>``."""
         kind, *walls = name.split("_")
         writers: dict[str, Callable[..., str]] = {
@@ -447,6 +448,7 @@ class KernelWriter:
             "gap": self.gap,
             "law": self.law,
             "field": self.field,
+            "rates": self.rates,
             "loss": self.loss,
             "agreement": self.agreement,
         }
@@ -622,6 +624,16 @@ class KernelWriter:
         state = (*leave.position, *leave.velocity, *waves, sympy.S.One)
         outputs = (sympy.Integer(law.freedom), sympy.Integer(law.waves), law.numbers, state)
         return self._shared(name, [T0, *self.start], about, outputs, reduce=True)
+
+    def rates(self, name: str, a: str) -> str:
+        """How the velocities of coordinates of first order change with those of others."""
+        x, v = state_symbols(self.model.DEGREES_OF_FREEDOM)
+        orders = orders_of(self.model.MODES, self.model.guard(a).next_mode, len(v))
+        laws = zip(orders, self.leave(a).rates, strict=True)
+        found = tuple(sympy.diff(e, s) if k == 1 else sympy.S.Zero for k, e in laws for s in v)
+        about = f"""How velocities of coordinates of first order change with others after wall {a}:
+        the derivatives, row by row."""
+        return self._shared(name, [T0, *x, *v], about, found)
 
     def field(self, name: str, a: str) -> str:
         """What a flight is integrated from; NaN alone where it is not."""

@@ -313,6 +313,11 @@ class Kernels:
         """``law(t0, *y0, *p)``: what a linear flight after a wall is computed from."""
         return self.kernel(f"law_{a}")
 
+    def rates(self, a: str) -> Kernel:
+        """``rates(t, *x, *v, *p)``: how the velocities of coordinates of first order change with
+        those of others after a wall, a row for each coordinate."""
+        return self.kernel(f"rates_{a}")
+
     def loss(self, a: str) -> Kernel:
         """``loss(*y0, *p)``: the kinetic energy that an impact takes, alone in a tuple."""
         return self.kernel(f"loss_{a}")
@@ -332,8 +337,14 @@ class Kernels:
         model = self.model
         after = model.guard(a).next_mode
         size = model.DEGREES_OF_FREEDOM
-        whole = orders_of(model.MODES, after, size) == (2,) * size
-        return whole and self.motion(a).family is Family.LINEAR
+        orders = orders_of(model.MODES, after, size)
+        return all(orders) and self.motion(a).family is Family.LINEAR
+
+    def mechanical(self, a: str) -> bool:
+        """Whether it is linear, and all coordinates have inertia."""
+        model, size = self.model, self.model.DEGREES_OF_FREEDOM
+        orders = orders_of(model.MODES, model.guard(a).next_mode, size)
+        return self.linear(a) and orders == (2,) * size
 
     def integrated(self, a: str) -> bool:
         """Whether the flight after a wall, or from the section, is integrated, from its `field`."""

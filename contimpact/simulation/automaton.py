@@ -23,7 +23,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import InputError
-from ..models.guards import pivot, state_before
+from ..models.guards import orders_of, pivot, state_before
 from ..models.model import Model
 from ..segments.compiling import timed_plainly
 from ..segments.flight import first_hit
@@ -113,7 +113,8 @@ class Automaton:
         positions: Sequence[float],
         longest: int,
     ) -> None:
-        self.kernels, self.guards, self.size = kernels, model.WALLS, model.DEGREES_OF_FREEDOM
+        self.model, self.kernels, self.guards = model, kernels, model.WALLS
+        self.size = model.DEGREES_OF_FREEDOM
         self.values, self.positions = tuple(model.values.values()), tuple(positions)
         self.period, self.longest = period, longest
         self.passages = kernels.passages
@@ -159,9 +160,17 @@ class Automaton:
     def contact(self, wall: int) -> Contact:
         """Return a wall as something to rest against."""
         before, after = self._low(wall)
-        change, row = before - after, self.rows[wall]
-        guard = self.guards[wall]
+        guard, row = self.guards[wall], self.rows[wall]
+        change = np.where(self._has_inertia(wall), before - after, 0.0)
+        start = [0.0] * (1 + 2 * self.size)
+        rates = self.kernels.rates(guard.name)(*start, *self.values)
+        change += np.reshape(rates, (self.size, self.size)) @ change
         return Contact(wall, guard.side, self.positions[wall], row, change / (row @ change))
+
+    def _has_inertia(self, wall: int) -> Array:
+        """Which coordinates are of second order in the mode after a guard."""
+        mode = self.guards[wall].next_mode
+        return np.array(orders_of(self.model.MODES, mode, self.size)) == 2
 
     def motion(self, mode: str, held: int) -> LinearMotion:
         """Return the motion in a mode, some walls held."""
@@ -418,7 +427,15 @@ class Automaton:
 
     def _is_wall(self, wall: int) -> bool:
         """Whether the motion goes on there in the same mode, so that it may come to rest."""
-        return self.guards[wall].rigid and self._stays(wall)
+        return self._walls[wall]
+
+    @functools.cached_property
+    def _walls(self) -> tuple[bool, ...]:
+        """The same of each guard; on a coordinate without inertia it goes on otherwise."""
+        return tuple(
+            guard.rigid and self._stays(k) and bool(np.any(self.rows[k][self._has_inertia(k)]))
+            for k, guard in enumerate(self.guards)
+        )
 
     def _beyond(self, window: Window, left: int) -> bool:
         """Whether a jump has led behind a guard of the next mode."""
@@ -471,9 +488,8 @@ class Automaton:
 
     def law_in(self, mode: str) -> LinearMotion | None:
         """Return the motion in a mode, no wall held, if it is linear."""
-        after = zip(self.guards, self.linear, strict=True)
-        linear = all(is_linear for guard, is_linear in after if guard.next_mode == mode)
-        return self.motion(mode, 0) if linear else None
+        after = [guard.name for guard in self.guards if guard.next_mode == mode]
+        return self.motion(mode, 0) if all(map(self.kernels.mechanical, after)) else None
 
     def derivative(self, before: State, after: State) -> Array:
         """Return the derivative of the map from one row of a run to the next, shape (2 d, 2 d).

@@ -399,7 +399,7 @@ def has_several_coordinates(model: Model, kernels: Kernels) -> bool:
     passages, guards = kernels.passages, model.WALLS
     if not kernels.planar or not passages.anchored or 0.0 in passages.leaving:
         return True
-    if any(kernels.linear(guard.name) for guard in guards):
+    if any(kernels.mechanical(guard.name) for guard in guards):
         return True
     if any(passages.beginning(k) and not guard.rigid for k, guard in enumerate(guards)):
         return True
