@@ -436,23 +436,8 @@ class KernelWriter:
         ``gap_<a>_<b>``, ``law_<a>``, ``rates_<a>``, ``field_<a>``, ``loss_<a>`` or
         ``agreement_<a>_<coordinate>``."""
         kind, *walls = name.split("_")
-        writers: dict[str, Callable[..., str]] = {
-            "setup": self.setup,
-            "surfaces": self.surfaces,
-            "harmonics": self.harmonics,
-            "flight": self.flight,
-            "motion": self.motion,
-            "states": self.states,
-            "since": self.since,
-            "passing": self.passing,
-            "gap": self.gap,
-            "law": self.law,
-            "field": self.field,
-            "rates": self.rates,
-            "loss": self.loss,
-            "agreement": self.agreement,
-        }
-        return writers[kind](name, *walls)
+        written: str = getattr(self, kind)(name, *walls)
+        return written
 
     def residual(self, a: str, b: str) -> list[Any]:
         """Arrival minus embedding, gap coordinate first.
@@ -581,12 +566,15 @@ class KernelWriter:
         after leaving."""
         return self._shared(name, [T0, *self.start, DT], about, outputs, reduce=True)
 
+    def _gap(self, leave: Departure, b: str) -> tuple[Any, ...]:
+        """Position, velocity and acceleration of a gap coordinate at the end of a flight."""
+        _, row = self.equations.pivot(b)
+        return tuple(combine_rows(row, e) for e in (leave.now, leave.end, leave.acceleration))
+
     def since(self, name: str, b: str) -> str:
-        leave, (_, row) = self.equations.quiet, self.equations.pivot(b)
-        states = leave.now, leave.end, leave.acceleration
         outputs = tuple(
-            sympy.sympify(combine_rows(row, state)).xreplace({PHASE: sympy.S.Zero})
-            for state in states
+            sympy.sympify(e).xreplace({PHASE: sympy.S.Zero})
+            for e in self._gap(self.equations.quiet, b)
         )
         about = f"""The gap coordinate of wall {b} at the time dt since the section t = 0.
 
@@ -594,17 +582,14 @@ class KernelWriter:
         return self._shared(name, [*self.equations.state, DT], about, outputs)
 
     def passing(self, name: str, b: str) -> str:
-        leave, (_, row) = self.equations.quiet, self.equations.pivot(b)
-        states = leave.now, leave.end, leave.acceleration
-        outputs = tuple(sympy.sympify(combine_rows(row, state)) for state in states)
+        outputs = self._gap(self.equations.quiet, b)
         about = f"""The gap coordinate of wall {b} at the time dt after passing a state.
 
         Returns its position, its velocity and its acceleration."""
         return self._shared(name, [T0, *self.equations.state, DT], about, outputs, reduce=True)
 
     def gap(self, name: str, a: str, b: str) -> str:
-        leave, (_, row) = self.leave(a), self.equations.pivot(b)
-        outputs = tuple(combine_rows(row, e) for e in (leave.now, leave.end, leave.acceleration))
+        outputs = self._gap(self.leave(a), b)
         about = f"""After wall {a}: the gap coordinate of wall {b} at the time dt after leaving.
 
         Returns its position, its velocity and its acceleration."""
