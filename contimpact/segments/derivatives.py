@@ -14,7 +14,7 @@ from typing import Any, NoReturn, TypeAlias
 
 from ..arrays import Number, Vector
 from ..errors import InputError
-from .integrated_flight import flown_of_series
+from .integrated_flight import flown_of_series, in_parts
 from .integration import statement
 from .kernel import Blocks, flat, refill, result_text
 from .linear_flow import Shape
@@ -433,16 +433,9 @@ def _record_transients(order: int) -> Callable[..., Any]:
 def _record_flights(
     field: str, directions: str, rows: Sequence[Sequence[Number]]
 ) -> list[list[TapeNumber]]:
-    """Flights that are integrated, from series; beyond the first order derivatives by directions
-    are numbers, which are computed where they are asked for alone."""
-    values, parts = 2 * statement(field).freedom, 1 + len(directions.split())
-    if len(rows[0]) == 2:
-        call = f"flown_of_series({field!r}, {directions!r}, {{}})"
-        return _record_series(call, rows, values * parts)
-    found = _record_series(f"flown_of_series({field!r}, '', {{}})", rows, values)
-    firsts = [row[:1] for row in rows]
-    call = f"flown_of_series({field!r}, {directions!r}, {{}})"
-    return [*found, *_record_series(call, firsts, values * parts)[values:]]
+    """Flights that are integrated, from series; see `integrated_flight.in_parts`."""
+    count = 2 * statement(field).freedom * (1 + len(directions.split()))
+    return _record_series(f"flown_of_series({field!r}, {directions!r}, {{}})", rows, count)
 
 
 def _record_linear(
@@ -468,7 +461,8 @@ RECORDED = Arithmetic(
     {name: _record_function(name, f) for name, f in FLOATS.names.items() if name not in PLAIN}
     | {f"stumpffs{n}": _record_stumpff(n) for n in TOGETHER}
     | {f"transients{order}": _record_transients(order) for order in TABLES}
-    | {"nan": math.nan, "flown_of_series": _record_flights, "flow_of_series": _record_linear}
+    | {"flown_of_series": functools.partial(in_parts, _record_flights)}
+    | {"nan": math.nan, "flow_of_series": _record_linear}
     | PLAIN
 )
 

@@ -55,16 +55,17 @@ def flown_of_series(field: str, directions: str, rows: Sequence[Sequence[Any]]) 
 
     Derivatives by the directions are known to the first order; beyond it they are numbers.
     """
-    return _in_parts(_float_series, field, directions, rows)
+    return in_parts(_float_series, field, directions, rows)
 
 
-def _in_parts(
+def in_parts(
     fly: Callable[[str, str, Sequence[Sequence[Any]]], list[Any]],
     field: str,
     directions: str,
     rows: Sequence[Sequence[Any]],
 ) -> list[Any]:
-    """Series beyond the first order without directions, and derivatives by these as numbers."""
+    """Return series beyond the first order without directions, and derivatives by these as
+    numbers."""
     if len(rows[0]) <= 2 or not directions:
         return fly(field, directions, rows)
     values = fly(field, "", rows)
@@ -185,7 +186,7 @@ def multiprecision_functions(ctx: Any) -> dict[str, Callable[..., Any]]:
 
     def many_of_series(field: str, directions: str, rows: Sequence[Sequence[Any]]) -> list[Any]:
         given = [[real(c) for c in row] for row in rows]
-        found = _in_parts(series, field, directions, given)
+        found = in_parts(series, field, directions, given)
         return [[back(x) for x in row] for row in found]
 
     return {"flown": many, "flown_of_series": many_of_series}
