@@ -278,10 +278,11 @@ def _compile_program(
 def _compile_parts(program: Program, arguments: str, folder: Path, name: str) -> None:
     """Store the machine code of a program's modules, and which they are; that of a module which
     another program has, too, is there already."""
-    from .machine_code import modules, object_code
+    from .llvm_ir import Translation
+    from .machine_code import object_code
 
     parts = []
-    for module in modules(program, arguments):
+    for module in Translation(program).modules(arguments):
         digest = hashlib.sha256("\0".join((module, *_compiler())).encode()).hexdigest()
         parts.append(f"part-{digest[:24]}.o")
         if not is_intact(folder / parts[-1]):

@@ -19,9 +19,12 @@ import hashlib
 import math
 import struct
 from collections.abc import Callable, Mapping, Sequence, Set
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..arrays import ENTRY, INTEGERS, TABLE, VECTOR
+
+if TYPE_CHECKING:
+    from .machine_code import Program
 
 # Types: "double", "i64" and "i1" of LLVM for numbers, and the following.
 
@@ -151,25 +154,10 @@ class Part(NamedTuple):
     """Declarations of what is in no program, and definitions of tables of constants."""
 
 
-class Source(Protocol):
-    """A program in plain Python, whose entry is the function ``entry``."""
-
-    trees: dict[str, ast.FunctionDef]
-    """Its functions, by name."""
-    constants: dict[str, Any]
-    """Numbers, tuples and classes of named tuples that the functions name."""
-    origins: dict[str, str]
-    """The files of those functions that are not written for a model."""
-    closed: set[str]
-    """Functions in closed form: long, and without loops. LLVM tries in vain, in time that grows
-    with the square of their length, to compute their numbers side by side, unless told not to (by
-    ``noimplicitfloat``)."""
-
-
 class Translation:
     """The functions of a program, translated as they are called."""
 
-    def __init__(self, program: Source) -> None:
+    def __init__(self, program: Program) -> None:
         self.program = program
         self.found: dict[tuple[str, tuple[Any, ...]], tuple[str, Any]] = {}
         self.parts: dict[str, Part] = {}
@@ -202,9 +190,12 @@ class Translation:
         return self.found[name, types]
 
     def modules(self, arguments: str) -> list[str]:
-        """The modules of the program, one for each of the origins of its functions; the first has
-        the entry, which takes arrays of these kinds, as pointers and sizes, and the functions that
-        have no origin."""
+        """The modules of the program, one for each of the origins of its functions, which are
+        compiled by themselves; the first has the function ``entry``, which takes arrays of these
+        kinds, as pointers and sizes, and the functions that have no origin.
+
+        Raises NotImplementedError for what is not in the subset.
+        """
         types, names, at = [], [], 0
         for kind in arguments:
             types.append(ViewType(*POINTERS[kind]))
@@ -896,12 +887,3 @@ OPERATIONS: dict[str, Callable[[Body, Sequence[Value]], Value]] = {
     "min": lambda body, given: body._extreme(given, ("olt", "slt")),
 }
 """Functions of Python."""
-
-
-def intermediate_code(program: Source, arguments: str) -> list[str]:
-    """Return the modules of a program; `arguments` are the kinds of its entry's arguments.
-
-    The first module holds the entry and the functions without an origin, there is another for each
-    of the origins of the others. Raises NotImplementedError for what is not in the subset.
-    """
-    return Translation(program).modules(arguments)

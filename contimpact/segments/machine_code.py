@@ -16,7 +16,6 @@ from ..arrays import tail
 from ..storage import temporary_beside
 from ..syntax import parse
 from .kernel import Family
-from .llvm_ir import intermediate_code
 
 PACKAGE = __name__.partition(".")[0]
 
@@ -34,10 +33,14 @@ class Program:
         self.names: dict[int, str] = {}
         self.trees: dict[str, ast.FunctionDef] = {}
         self.constants: dict[str, Any] = {"inf": math.inf, "nan": math.nan}
+        """Numbers, tuples and classes of named tuples that the functions name."""
         self.origins: dict[str, str] = {}
         """The modules of the package that functions are from, and those of integrated flights;
         kernels and what is glued in are written for a model."""
         self.closed: set[str] = set()
+        """Functions in closed form: long, and without loops. LLVM tries in vain, in time that grows
+        with the square of their length, to compute their numbers side by side, unless told not to
+        (by ``noimplicitfloat``)."""
 
     def add(self, function: Callable[..., Any], name: str | None = None) -> str:
         """Add a function with everything it calls; returns the name it has in the program."""
@@ -159,15 +162,6 @@ class _Names(ast.NodeTransformer):
         if isinstance(value, int | float | tuple) or hasattr(value, "_fields"):
             return ast.Name(self.program.constant(node.id, value), node.ctx)
         return node
-
-
-def modules(program: Program, arguments: str) -> list[str]:
-    """Return LLVM's code of a program whose entry is the function ``entry``, with arguments of
-    these kinds, as modules that are compiled by themselves; see `intermediate_code`.
-
-    Raises NotImplementedError for a program outside the subset.
-    """
-    return intermediate_code(program, arguments)
 
 
 def object_code(module: str) -> bytes:

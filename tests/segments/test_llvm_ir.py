@@ -11,7 +11,8 @@ import pytest
 
 from contimpact.arrays import tail
 from contimpact.segments import compiling
-from contimpact.segments.machine_code import Program, modules
+from contimpact.segments.llvm_ir import Translation
+from contimpact.segments.machine_code import Program
 
 pytestmark = pytest.mark.skipif(
     importlib.util.find_spec("llvmlite") is None, reason="the extra 'fast' is not installed"
@@ -165,4 +166,4 @@ def test_what_is_not_in_the_subset_is_refused(body):
     program = Program({})
     program.glue(f"def entry(x):\n    {body}\n")
     with pytest.raises(NotImplementedError, match=r"entry|variable"):
-        modules(program, "f")
+        Translation(program).modules("f")
