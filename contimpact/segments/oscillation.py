@@ -261,14 +261,7 @@ def excursion_on_steps(
 
 def motion_along_steps(steps: Table, dt: float, values: Vector) -> Moved:
     """Return displacement, velocity and acceleration at a time after the start."""
-    low, high = 0, len(steps) - 1
-    while low < high:
-        middle = (low + high + 1) // 2
-        if steps[middle][START] <= dt:
-            low = middle
-        else:
-            high = middle - 1
-    return motion_in_step(steps[low], dt)
+    return motion_of_gap((0, 1, len(steps)), dt, steps)
 
 
 def motion_in_step(row: Vector, dt: float) -> Moved:
