@@ -446,8 +446,11 @@ class Integrator:
 
     def _begin(self, speeds: Sequence[Any]) -> None:
         self._adaptive.time = self._number(0.0)
-        state = self._state
-        state[:] = self._blank
+        self._state[:] = self._blank
+        self._leave(self._state, speeds)
+
+    def _leave(self, state: Array, speeds: Sequence[Any] | Array) -> None:
+        """Fill in the velocities with which a flight leaves, where all else is zero."""
         for i, speed in enumerate(speeds):
             state[self._places[f"w{i}", "", 0]] = speed * self._scale
             place = self._places.get((f"w{i}", f"v{i}", 0))
@@ -709,11 +712,7 @@ class BatchIntegrator(Integrator):
         """Begin a flight in a lane."""
         d = self.stated.freedom
         self._given[:, lane] = row[: self._used]
-        for i, speed in enumerate(row[2 + d : 2 + 2 * d]):
-            self._state[self._places[f"w{i}", "", 0], lane] = speed * SCALE
-            place = self._places.get((f"w{i}", f"v{i}", 0))
-            if place is not None:
-                self._state[place, lane] = SCALE
+        self._leave(self._state[:, lane], row[2 + d : 2 + 2 * d])
 
 
 AT_ONCE = 64

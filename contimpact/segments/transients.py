@@ -148,16 +148,11 @@ def _array_stumpff(k: int) -> Callable[[Array], Array]:
         if k == 0:
             return np.where(q >= 0, np.cos(x), np.cosh(np.where(q < 0, x, 0.0)))
         if k == 1:
-            divisor = np.where(x == 0, 1.0, x)
-            hyperbolic = np.sinh(np.where(q < 0, x, 0.0))
-            return np.where(x == 0, 1.0, np.where(q >= 0, np.sin(x), hyperbolic) / divisor)
+            return _over(x, q)
         if k == 2:
             return 0.5 * STUMPFF_ARRAY["stumpff1"](0.25 * q) ** 2
         below = _near_zero(k)
-        near = np.where(np.abs(q) < below, q, 0.0)
-        total = np.zeros_like(near)
-        for coefficient in _SERIES[k]:
-            total = coefficient - near * total
+        total = _series(k, np.where(np.abs(q) < below, q, 0.0))
         far = np.where(np.abs(q) < below, 1.0, q)
         recurrence = (_INVERSE_FACTORIAL[k - 2] - STUMPFF_ARRAY[f"stumpff{k - 2}"](q)) / far
         return np.where(np.abs(q) < below, total, recurrence)
