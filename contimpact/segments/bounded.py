@@ -332,6 +332,19 @@ def _series(ctx: Any, k: int, q: Number) -> Number:
     return +found
 
 
+def _operators(function: Callable[[Pair, Pair], Pair]) -> tuple[Callable[..., Any], ...]:
+    """An operation of a number with a bound and another number, and of the other one and it."""
+
+    def operator(one: BoundedNumber, other: Number) -> BoundedNumber:
+        other = other if type(other) is BoundedNumber else BoundedNumber.of(other)
+        return BoundedNumber(*function((one.value, one.error), (other.value, other.error)))
+
+    def turned(one: BoundedNumber, other: Number) -> BoundedNumber:
+        return operator(BoundedNumber.of(other), one)
+
+    return operator, turned
+
+
 class BoundedNumber:
     """A double and a bound of its error; the operations of kernels, each with its own rounding."""
 
@@ -348,35 +361,17 @@ class BoundedNumber:
         value = float(number)
         return cls(value, 0.0 if value.is_integer() else 2.0 * UNIT * abs(value))
 
-    def __add__(self, other: Number) -> BoundedNumber:
-        other = other if type(other) is BoundedNumber else self.of(other)
-        value = self.value + other.value
-        return BoundedNumber(value, self.error + other.error + UNIT * abs(value))
-
     def __mul__(self, other: Number) -> BoundedNumber:
         if type(other) is int:  # without an error of its own
             value = self.value * other
             return BoundedNumber(value, abs(other) * self.error + UNIT * abs(value))
-        other = other if type(other) is BoundedNumber else self.of(other)
-        value = self.value * other.value
-        spread = abs(self.value) * other.error + abs(other.value) * self.error
-        return BoundedNumber(value, spread + self.error * other.error + UNIT * abs(value))
-
-    def __truediv__(self, other: Number) -> BoundedNumber:
-        other = other if type(other) is BoundedNumber else self.of(other)
-        value = self.value / other.value
-        least = abs(other.value) - other.error
-        spread = (self.error + abs(value) * other.error) / least if least > 0.0 else math.inf
-        return BoundedNumber(value, spread + UNIT * abs(value))
-
-    def __mod__(self, other: Number) -> BoundedNumber:
-        other = other if type(other) is BoundedNumber else self.of(other)
-        value = self.value % other.value
-        turns = abs(round((self.value - value) / other.value))
-        return BoundedNumber(value, self.error + turns * other.error + UNIT * abs(value))
+        return self._product(other)
 
     def __pow__(self, exponent: Number) -> BoundedNumber:
         return _power(self, self.of(exponent))
+
+    def __rpow__(self, base: Number) -> BoundedNumber:
+        return _power(self.of(base), self)
 
     def __neg__(self) -> BoundedNumber:
         return BoundedNumber(-self.value, self.error)
@@ -384,24 +379,13 @@ class BoundedNumber:
     def __abs__(self) -> BoundedNumber:
         return BoundedNumber(abs(self.value), self.error)
 
-    def __sub__(self, other: Number) -> BoundedNumber:
-        other = other if type(other) is BoundedNumber else self.of(other)
-        value = self.value - other.value
-        return BoundedNumber(value, self.error + other.error + UNIT * abs(value))
+    __add__, __radd__ = _operators(add_pairs)
+    __sub__, __rsub__ = _operators(subtract_pairs)
+    _product, _ = _operators(multiply_pairs)
+    __truediv__, __rtruediv__ = _operators(divide_pairs)
+    __mod__, __rmod__ = _operators(remainder_of_pairs)
 
-    def __rsub__(self, other: Number) -> BoundedNumber:
-        return self.of(other) - self
-
-    def __rtruediv__(self, other: Number) -> BoundedNumber:
-        return self.of(other) / self
-
-    def __rmod__(self, other: Number) -> BoundedNumber:
-        return self.of(other) % self
-
-    def __rpow__(self, base: Number) -> BoundedNumber:
-        return _power(self.of(base), self)
-
-    __radd__, __rmul__, __pos__ = __add__, __mul__, lambda self: self
+    __rmul__, __pos__ = __mul__, lambda self: self
 
     def __float__(self) -> float:
         return self.value
