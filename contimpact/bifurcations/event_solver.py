@@ -146,23 +146,17 @@ def add_kernels(program: Program, kernels: Kernels, variant: str, free: str) -> 
 
     Returns the text of the parameter values.
     """
-    from ..segments.machine_code import choice
-
     p = ", ".join(f"p[{i}]" for i in range(len(kernels.model.values)))
     walls = kernels.model.letters
     pairs = [(a, b) for a in walls for b in walls]
     ends = "t0, v0, t1, v1"
     flights = {f"flight_{a}_{b}": kernels.flight(a, b) for a, b in pairs}
-    given = f"{ends}, {p}"
-    program.glue(
-        choice(f"{free}_flight", f"kind, {ends}, p", "kind", list(flights), given), **flights
-    )
+    program.choose(f"{free}_flight", f"kind, {ends}, p", "kind", flights, f"{ends}, {p}")
     if variant == "singular":
         seconds = {f"second_{a}_{b}": kernels.second(a, b) for a, b in pairs}
         along, held = f"{ends}, q0, q1, q2, q3", ", 0.0" * len(kernels.parameters)
         given = f"{along}{held}, {p}"
-        text = choice(f"{free}_second", f"kind, {along}, p", "kind", list(seconds), given)
-        program.glue(text, **seconds)
+        program.choose(f"{free}_second", f"kind, {along}, p", "kind", seconds, given)
     program.constant("SystemVectors", SystemVectors)
     return p
 
@@ -172,7 +166,7 @@ def program_of(kernels: Kernels, turns: str | None) -> Program:
 
     `turns` says how flights are found to turn; see `segments.flight.variant_of`.
     """
-    from ..segments.machine_code import Program, choice
+    from ..segments.machine_code import Program
 
     program = Program({store: store_compiled, row_of: row_of_compiled})
     p = add_kernels(program, kernels, "singular", "one")
@@ -180,8 +174,7 @@ def program_of(kernels: Kernels, turns: str | None) -> Program:
     bounded = {f"bounded_{a}_{b}": kernels.bounded(a, b) for a in walls for b in walls}
     pairs = ", ".join(f"(p[{i}], 0.0)" for i in range(len(kernels.model.values)))
     ends = "t0, v0, t1, v1"
-    given = f"{ends}, {pairs}"
-    program.glue(choice("any_bounded", f"kind, {ends}, p", "kind", list(bounded), given), **bounded)
+    program.choose("any_bounded", f"kind, {ends}, p", "kind", bounded, f"{ends}, {pairs}")
     for kind in (Search, ArcVectors):
         program.constant(kind.__name__, kind)
     for name, number in (("VARIANT", VARIANT), ("SINGULAR", 0), ("TOUCHING", 1)):

@@ -27,7 +27,7 @@ from ..segments.flight import add_excursions
 from ..segments.kernel import SECTION, Family
 from ..segments.kernels import Kernels
 from ..segments.linear_flow import LONGEST, MEANS, SLOPES, balance, flow, halve_time
-from ..segments.machine_code import Program, choice
+from ..segments.machine_code import Program
 from ..segments.oscillation import FollowedFlight, row_of, row_of_compiled
 from ..segments.segment import Kernel, kernel_of
 from ..segments.taylor import EXCURSION, flight_kernel, path_kernel, start_kernel
@@ -303,8 +303,7 @@ def program_of(kernels: Kernels, variant: str) -> Program:
     if variant == "path":
         flights = {name: flight_kernel(kernel).function for name, kernel in flights.items()}
         ends += f", p[{count}:]"
-    flight = choice("any_flight", "kind, t0, v0, t1, v1, p", "kind", list(flights), ends)
-    program.glue(flight, **flights)
+    program.choose("any_flight", "kind, t0, v0, t1, v1, p", "kind", flights, ends)
     add_excursions(program, kernels, variant, p)
     called = newton_step, tangent_of_cycle, evaluate_cycle, observe_cycle, notice_growth
     text = OF_CYCLE.format(notice=NOTICE if variant == "path" else "pass")
@@ -361,12 +360,12 @@ def chain_program_of(kernels: Kernels) -> Program:
     p = ", ".join(f"p[{i}]" for i in range(count))
     walls = kernels.model.letters
     flights = {f"flight_{a}_{b}": _integrating(kernels.flight(a, b)) for a, b in pairs_of(kernels)}
-    some = next(iter(flights))
+    some = next(iter(flights.values()))
     every = [f"flight_{a}_{b}" for a in walls for b in walls]  # some never follow each other
-    named = [name if name in flights else some for name in every]
+    named = {name: flights.get(name, some) for name in every}
     ends = ", ".join(f"s[{i}]" for i in range(2 * m))
     given = f"{ends}, {p}, p[{count}:]"
-    program.glue(choice("any_flight", "kind, s, p", "kind", named, given), **flights)
+    program.choose("any_flight", "kind, s, p", "kind", named, given)
     start = ", ".join(f"s[{i}]" for i in range(m))
     about = {"notice": "pass", "follow": "follow_law(any_law, orbit, wall, z, at, length)"}
     called: list[Callable[..., Any]]
@@ -380,13 +379,12 @@ def chain_program_of(kernels: Kernels) -> Program:
         paths = {f"path_{a}": path_kernel(kernels.field(a)).function for a in walls}
         more = "length, weights, count, way"
         given = f"{start}, {p}, length, p[{count}:], weights, count, way"
-        program.glue(choice("any_path", f"wall, s, p, {more}", "wall", list(paths), given), **paths)
-        given = f"{start}, {p}"
-        program.glue(choice("any_start", "wall, s, p", "wall", list(starts), given), **starts)
+        program.choose("any_path", f"wall, s, p, {more}", "wall", paths, given)
+        program.choose("any_start", "wall, s, p", "wall", starts, f"{start}, {p}")
     else:
         called.append(follow_law)
         laws = {f"law_{a}": kernels.law(a) for a in walls}
-        program.glue(choice("any_law", "wall, s, p", "wall", list(laws), f"{start}, {p}"), **laws)
+        program.choose("any_law", "wall, s, p", "wall", laws, f"{start}, {p}")
     program.constant("FollowedFlight", FollowedFlight)
     return glue_steps(program, kernels, ChainVectors, OF_CHAIN.format(**about), *called)
 

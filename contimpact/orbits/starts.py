@@ -486,15 +486,14 @@ def identity_of(kernels: Kernels) -> tuple[str, ...]:
 
 def starts_program(kernels: Kernels) -> Program:
     """Return `solve_from_starts` as a program, for words of a model."""
-    from ..segments.machine_code import Program, choice
+    from ..segments.machine_code import Program
 
     program = Program({store: store_compiled})
     walls = kernels.model.letters
     p = ", ".join(f"p[{i}]" for i in range(len(kernels.model.values)))
     flights = {f"flight_{a}_{b}": kernels.flight(a, b) for a in walls for b in walls}
     given = f"t0, v0, t1, v1, {p}"
-    chosen = choice("any_flight", "kind, t0, v0, t1, v1, p", "kind", list(flights), given)
-    program.glue(chosen, **flights)
+    program.choose("any_flight", "kind, t0, v0, t1, v1, p", "kind", flights, given)
     text = f"""
 def any_setup(p):
     return kernel_setup({p})

@@ -714,28 +714,24 @@ def breaks(p, period, zeros):
 
 def add_excursions(program: Program, kernels: Kernels, variant: str, p: str) -> None:
     """Add the functions ``excursion`` and ``breaks``, given the text of the parameter values."""
-    from .machine_code import choice
-
     walls = kernels.model.letters
     if variant == "law":
         laws = {f"law_{a}": kernels.law(a) for a in walls}
         given = f"head[1], head[2], {p}"
-        program.glue(choice("any_law", "head, p", "head[0]", list(laws), given), **laws)
+        program.choose("any_law", "head, p", "head[0]", laws, given)
         program.glue(LAW, excursion_by_law=excursion_by_law)
     elif variant == "path":
         from .taylor import excursion_by_path, path_kernel
 
         paths = {f"path_{a}": path_kernel(kernels.field(a)).function for a in walls}
         given = f"head[1], head[2], {p}, length, space, (1.0,), 1, way"
-        text = choice("any_path", "head, p, length, space, way", "head[0]", list(paths), given)
-        program.glue(text, **paths)
+        program.choose("any_path", "head, p, length, space, way", "head[0]", paths, given)
         count = len(kernels.model.values)
         program.glue(PATH.format(count=count), excursion_by_path=excursion_by_path)
     else:
         motions = {f"motion_{a}": kernels.motion(a) for a in walls}
         given = f"head[1], head[2], dt, {p}"
-        motion = choice("any_motion", "head, dt, p", "head[0]", list(motions), given)
-        program.glue(motion, **motions)
+        program.choose("any_motion", "head, dt, p", "head[0]", motions, given)
         program.glue(MOTION, excursions=excursions)
     if variant == "single":
         single = SINGLE.format(p=p)

@@ -67,6 +67,21 @@ class Program:
             assert tree.name not in self.trees, tree.name
             self.trees[tree.name] = _NameReplacer(names).visit(tree)
 
+    def choose(
+        self,
+        name: str,
+        arguments: str,
+        chosen: str,
+        functions: Mapping[str, Callable[..., Any]],
+        given: str,
+    ) -> None:
+        """Add a function that calls one of several by number."""
+        *first, last = functions
+        lines = [f"def {name}({arguments}):"]
+        for i, function in enumerate(first):
+            lines += [f"    if {chosen} == {i}:", f"        return {function}({given})"]
+        self.glue("\n".join([*lines, f"    return {last}({given})"]), **functions)
+
     def constant(self, name: str, value: Any) -> str:
         """Add a number, a tuple of numbers or a named tuple's class; returns its name."""
         if repr(self.constants.setdefault(name, value)) != repr(value):
@@ -94,14 +109,6 @@ def _constant_text(constant: Any) -> str:
     if isinstance(constant, type):
         return f"collections.namedtuple({constant.__name__!r}, {constant._fields!r})"  # type: ignore[attr-defined]
     return repr(constant)
-
-
-def choice(name: str, arguments: str, chosen: str, functions: Sequence[str], given: str) -> str:
-    """The text of a function that calls one of several by number."""
-    lines = [f"def {name}({arguments}):"]
-    for i, function in enumerate(functions[:-1]):
-        lines += [f"    if {chosen} == {i}:", f"        return {function}({given})"]
-    return "\n".join([*lines, f"    return {functions[-1]}({given})"])
 
 
 def _tree_of(function: Callable[..., Any]) -> ast.FunctionDef:

@@ -70,13 +70,13 @@ def fly(body, wall, phase, space):
 
 def program_of(motions: Sequence[Kernel]) -> Program:
     """Return the program that simulates from impact to impact."""
-    from ..segments.machine_code import Program, choice
+    from ..segments.machine_code import Program
 
     program = Program({})
     names = {f"motion_{wall}": motion for wall, motion in enumerate(motions)}
     numbers = ", ".join(f"p[{i}]" for i in range(motions[0].__code__.co_argcount - 3))
     given = f"head[1], head[2], dt, {numbers}"
-    program.glue(choice("any_motion", "head, dt, p", "head[0]", list(names), given), **names)
+    program.choose("any_motion", "head, dt, p", "head[0]", names, given)
     program.glue(FLY, fly_in_time=fly_in_time, fly_or_stick=fly_or_stick)
     glue_entry(program, Body)
     return program
