@@ -27,7 +27,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -198,7 +198,7 @@ class CyclicBlocks(NamedTuple):
     """Residual (n,) and blocks of all segments of an orbit: A_k and B_k, shape (N, m, m), and (n,
     free).
 
-    They are `together` where rows of a flight are combinations of its equations; see
+    They are `together` where rows of a flight from an impact are combinations of its equations; see
     `kernel.CombinedBlocks`.
     """
 
@@ -318,7 +318,7 @@ class Linearisation:
         a grazing go with its inverse, and the kernel's carries the rounding of larger terms.
         """
         problem, start = self.problem, self.held
-        if problem.arrivals and self.blocks.together:
+        if self.blocks.together:
             return self.told(self._in_pieces(start))
         if not problem.arrivals:  # without impacts
             return self.told(stability_of(start, self.end))
@@ -464,23 +464,19 @@ def rounding(here: Linearisation) -> Linearisation:
     """Return bounds of the rounding errors of residual and blocks, in their places."""
     problem = here.problem
     m, n = problem.m, problem.n
-    quiet = not problem.word.walls  # its flight leads to the state itself, not a time of its own
-    z, p = here.unknowns.tolist(), problem.values(here.unknowns)
+    first, p = BoundedNumber(float(here.unknowns[0])), problem.values(here.unknowns)
     setup, off = bounds_of_kernel(problem.kernels.setup, p)
-    closing = problem.closing(BoundedNumber(z[0]), BoundedNumber(setup.period, off.period))
+    closing = problem.closing(first, BoundedNumber(setup.period, off.period))
     parts: list[list[float]] = [[], [], [], []]
-    for k, segment in enumerate(problem.segments):
-        j = m * k + m
-        arrival = z[j : j + m] if j < n else [closing, *z[1:m]]
-        arrival = z[:m] if quiet else arrival
-        _, errors = bounds_of(segment, problem.leaving(here.unknowns, k)[1], arrival, p)
+    for segment, ends in zip(problem.segments, problem.ends(here.unknowns, closing), strict=True):
+        _, errors = bounds_of(segment, *ends, p)
         for part, block in zip(parts, errors, strict=True):
             part += block
     residual, start, end, by_parameter = map(np.array, parts)
     start = problem.leaves(start)
     blocks = start.reshape(-1, m, m), end.reshape(-1, m, m), by_parameter.reshape(n, -1)
     bounds = Linearisation(problem, here.unknowns, CyclicBlocks(residual, *blocks))
-    if not quiet:
+    if problem.word.walls:
         _add_drift(bounds, here, np.array(setup.slopes), np.array(off.slopes))
     return bounds
 
@@ -499,6 +495,9 @@ def rounding_of_setup(problem: OrbitProblem, unknowns: Array) -> Setup:
     """Return bounds of the rounding errors of what the kernel ``setup`` says at a point."""
     return bounds_of_kernel(problem.kernels.setup, problem.values(unknowns))[1]
 
+
+Ends: TypeAlias = tuple[list[Any], list[Any]]
+"""The unknowns of the impacts that a flight leaves and reaches, or how these move."""
 
 INSTANTS = sorted(k * (math.sqrt(5.0) - 1.0) / 2.0 % 1.0 for k in range(1, 8))
 """Parts of a flight at whose ends the largest speed on it is sought: of a motion with a period of
@@ -702,32 +701,26 @@ class OrbitProblem:
         domain, an overflow).
         """
         m, n = self.m, self.n
-        z = unknowns.tolist()
         p = self.values(unknowns)
-        setup = self.setup(unknowns)
-        closing = self.closing(z[0], setup.period)
         residual, start, end, by_parameter = (list[float]() for _ in range(4))
         together = False
-        for k, segment in enumerate(self.segments):
-            i = m * k
-            j = i + m
-            arrival = z[j : j + m] if j < n else [closing, *z[1:m]]
-            rows, leaving, arriving, free = found = segment.blocks(z[i:j], arrival, p)
+        for segment, ends in zip(self.segments, self.ends(unknowns), strict=True):
+            rows, leaving, arriving, free = found = segment.blocks(*ends, p)
             together = together or isinstance(found, CombinedBlocks)
             residual += rows
             start += leaving
             end += arriving
             by_parameter += free
         self.kernel_evaluations += len(self.segments)
-        for i, drift in enumerate(setup.slopes):
+        for i, drift in enumerate(self.drifts(unknowns)):
             for row in range(n - m, n):  # the arrival at t_1 + pT moves with T(lambda)
-                by_parameter[self.free * row + i] += self.word.period * drift * end[m * row]
+                by_parameter[self.free * row + i] += drift * end[m * row]
         blocks = CyclicBlocks(
             np.array(residual),
-            np.array(start).reshape(-1, m, m),
+            self.leaves(start).reshape(-1, m, m),
             np.array(end).reshape(-1, m, m),
             np.array(by_parameter).reshape(n, -1),
-            together,
+            together and bool(self.arrivals),
         )
         return Linearisation(self, unknowns, blocks)
 
@@ -752,19 +745,13 @@ class OrbitProblem:
         factor for the direction the result is multiplied with.
         """
         m, n = self.m, self.n
-        z, q = unknowns.tolist(), direction.tolist()
-        p = self.values(unknowns)
-        setup = self.setup(unknowns)
-        slopes = self.word.period * np.array(setup.slopes)
+        p, drifts, ends = self.values(unknowns), self.drifts(unknowns), self.ends(unknowns)
         start: list[float] = []
         end: list[float] = []
         by_parameter: list[float] = []
-        back = self.returned(q[:m], mu)
-        back[0] += float(slopes @ direction[n:])
-        arrival = [self.closing(z[0], setup.period), *z[1:m]]
-        ends, moves = self._ends(z, arrival), self._ends(q, back)
+        moves = self.ends_along(direction, mu, drifts)
         for segment, one, moved in zip(self.segments, ends, moves, strict=True):
-            along = [*moved[0], *moved[1], *q[n:]]
+            along = [*moved[0], *moved[1], *direction[n:].tolist()]
             blocks: Sequence[Sequence[float]] = [
                 [0.0] * size for size in (m**2, m**2, m * self.free)
             ]
@@ -776,17 +763,40 @@ class OrbitProblem:
             by_parameter += blocks[2]
         last = np.array(end[-m * m :: m])  # the arrival moves with T(lambda), its rate with T'
         end[-m * m :] = [beside * rate for rate in end[-m * m :]]
-        gradient = self.cyclic(np.array(start), np.array(end))
+        gradient = self.cyclic(self.leaves(start), np.array(end))
         gradient[:, n:] = np.reshape(by_parameter, (n, -1))
-        gradient[n - m :, n:] += np.outer(last, slopes)
-        if any(setup.curvatures):
-            arriving = self.segments[-1].blocks(z[n - m : n], arrival, p)[2]
-            curvatures = np.reshape(setup.curvatures, (self.free, self.free))
+        if not drifts:
+            return gradient
+        gradient[n - m :, n:] += np.outer(last, drifts)
+        curvatures = np.reshape(self.setup(unknowns).curvatures, (self.free, self.free))
+        if curvatures.any():
+            arriving = self.segments[-1].blocks(*ends[-1], p)[2]
             bend = self.word.period * curvatures @ direction[n:]
             gradient[n - m :, n:] += np.outer(arriving[::m], bend)
         return gradient
 
-    def _ends(self, given: list[float], last: list[float]) -> list[tuple[list[float], list[float]]]:
+    def ends(self, unknowns: Array, closing: Number | None = None) -> list[Ends]:
+        """Return the unknowns at both ends of each flight; `closing` is when the orbit closes, of
+        another arithmetic."""
+        z = unknowns.tolist()
+        if closing is None:
+            closing = self.closing(z[0], self.setup(unknowns).period)
+        return self._around(z, [closing, *z[1 : self.m]])
+
+    def ends_along(self, direction: Array, mu: float, drifts: Sequence[float] = ()) -> list[Ends]:
+        """Return how these move along a direction; in the last flight the arrival does by mu q_1,
+        and with the forcing's period."""
+        q = direction.tolist()
+        back = self.returned(q[: self.m], mu)
+        if drifts:
+            back[0] += float(np.array(drifts) @ direction[self.n :])
+        return self._around(q, back)
+
+    def drifts(self, unknowns: Array) -> list[float]:
+        """Return how fast the orbit's period grows with each free parameter, as the forcing's."""
+        return [self.word.period * slope for slope in self.setup(unknowns).slopes]
+
+    def _around(self, given: list[float], last: list[Number]) -> list[Ends]:
         """What is given of impacts, at both ends of each flight; `last` where the orbit closes."""
         rows = [given[i : i + self.m] for i in range(0, self.n, self.m)]
         return list(zip(rows, [*rows[1:], last], strict=True))
@@ -830,11 +840,8 @@ class OrbitProblem:
 
         Parameters are held; in the last flight the arrival moves by mu q_1.
         """
-        m, p = self.m, self.values(unknowns)
-        z, q = unknowns.tolist(), direction.tolist()
-        ends = self._ends(z, [z[0] + self.span(unknowns), *z[1:m]])
-        moves = self._ends(q, self.returned(q[:m], mu))
-        result: list[float] = []
+        p, result = self.values(unknowns), list[float]()
+        ends, moves = self.ends(unknowns), self.ends_along(direction, mu)
         for segment, one, moved in zip(self.segments, ends, moves, strict=True):
             result += segment.third(*one, [*moved[0], *moved[1]], p)
         self.kernel_evaluations += len(self.segments)

@@ -24,17 +24,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array, Number, Vector
+from ..arrays import Array, Number
 from ..errors import InputError
 from ..models.guards import Row, Word, following_letters, state_before, state_size
 from ..models.model import Model
-from ..segments.flight import FlightGaps, Touch, breaks_of, touch_of
+from ..segments.flight import FlightGaps, Touch, touch_of
 from ..segments.kernel import SECTION
 from ..segments.kernels import Kernels
-from ..segments.oscillation import Excursion, Moved, excursions
+from ..segments.oscillation import Excursion, excursions
 from ..segments.segment import Segment
+from ..segments.touches import Seen, seen_by
 from ..segments.track import IntegratedTrack, integrated_track, join_flights
-from .problem import INSTANTS, VANISHING, CyclicBlocks, Linearisation, OrbitProblem, motion_of
+from .problem import INSTANTS, VANISHING, Ends, Linearisation, OrbitProblem, motion_of
 
 FAR_LESS = 2.0**-10
 """Part of the largest coordinate below which one is measured by its own size."""
@@ -226,10 +227,15 @@ def problem_in(parameter: str, model: Model, here: Linearisation) -> tuple[Orbit
     return problem, np.concatenate([here.unknowns[: problem.n], free])
 
 
-def _or_at_rest(found: Excursion, place: float) -> Excursion:
-    """Return the extrema of a gap coordinate in a period; one that has no maximum or no minimum is
-    at rest in its place."""
-    high, when_high, low, when_low, slowest = found
+def _extrema(seen: Seen, length: float) -> Excursion:
+    """The extrema of a gap coordinate in a period; one that has no maximum or no minimum is at rest
+    in its place."""
+    motion, breaks = seen
+    place, _, _ = motion((), 0.0, ())
+    ends = length, motion((), length, ())[1], 0.0, 0.0
+    high, when_high, low, when_low, slowest = excursions(
+        motion, (), (), ends, breaks, 0.0, math.inf
+    )
     if math.isnan(high):
         high, when_high = place, 0.0
     if math.isnan(low):
@@ -279,44 +285,25 @@ class QuietProblem(OrbitProblem):
         """Return the times between which touches are looked for."""
         return 0.0, self.span(unknowns) + BEYOND * self.period(unknowns)
 
-    def evaluate(self, unknowns: Array) -> Linearisation:
-        """Evaluate residual and blocks at a point."""
-        m, back = self.m, unknowns[: self.m].tolist()
-        given = self.state(unknowns), back, self.values(unknowns)
-        rows, start, end, free = self.segments[0].blocks(*given)
-        self.kernel_evaluations += 1
-        one, other = (np.reshape(part, (1, m, m)) for part in (self.leaves(start), end))
-        blocks = CyclicBlocks(np.array(rows), one, other, np.reshape(free, (m, -1)))
-        return Linearisation(self, unknowns, blocks)
+    def ends(self, unknowns: Array, closing: Number | None = None) -> list[Ends]:
+        """Return the state on the section, and the unknowns to which the flight leads."""
+        return [(self.state(unknowns), unknowns[: self.m].tolist())]
 
-    def second_along(
-        self, unknowns: Array, direction: Array, mu: float = 1.0, beside: float = 1.0
-    ) -> Array:
-        """Return the gradient by z of the cyclic matrix times a direction."""
-        m, back, q = self.m, unknowns[: self.m].tolist(), direction.tolist()
-        along = [*self.leaves(q[:m]), *(mu * c for c in q[:m]), *q[m:]]
-        given = self.state(unknowns), back, along, self.values(unknowns)
-        _, start, end, free = self.segments[0].second(*given)
-        self.kernel_evaluations += 1
-        gradient = self.cyclic(self.leaves(start), beside * np.array(end))
-        gradient[:, m:] = np.reshape(free, (m, -1))
-        return gradient
+    def ends_along(self, direction: Array, mu: float, drifts: Sequence[float] = ()) -> list[Ends]:
+        """Return how these move along a direction."""
+        q = direction[: self.m].tolist()
+        return [(self.leaves(q).tolist(), [mu * c for c in q])]
 
-    def third_along(self, unknowns: Array, direction: Array, mu: float = 1.0) -> Array:
-        """Return the third derivative of the residual along a direction, shape (m,)."""
-        m, back, q = self.m, unknowns[: self.m].tolist(), direction.tolist()
-        along = [*self.leaves(q[:m]), *(mu * c for c in q[:m])]
-        given = self.state(unknowns), back, along, self.values(unknowns)
-        self.kernel_evaluations += 1
-        return np.array(self.segments[0].third(*given))
+    def drifts(self, unknowns: Array) -> list[float]:
+        """Return none: the kernel of the flight has the forcing's period in it."""
+        return []
 
     def gaps(self, unknowns: Array) -> list[FlightGaps]:
         """Return the nearest touch of each guard of the first mode, in one row."""
         mode = self.model.first_mode
         positions = self.setup(unknowns).walls
-        watched = self._rows()
-        look = self._on_track if self.kernels.integrated(SECTION) else self._by_kernels
-        found = look(watched, unknowns)
+        length = self.times_around(unknowns, 0)[1]
+        found = {row: _extrema(seen, length) for row, seen in self._seen(unknowns, length).items()}
         touches = tuple(
             self._first(touch_of(0, 0.0, guard, position, found[guard.row(self.m // 2)]), unknowns)
             if mode in guard.modes and not guard.past
@@ -325,7 +312,7 @@ class QuietProblem(OrbitProblem):
         )
         turns = (each[4] for each in found.values() if not math.isnan(each[4]))
         slowest = min(turns, key=abs, default=math.nan)
-        return [FlightGaps(self.times_around(unknowns, 0)[1], touches, slowest)]
+        return [FlightGaps(length, touches, slowest)]
 
     def _first(self, touch: Touch | None, unknowns: Array) -> Touch | None:
         """The same touch within the first period: rounding decides which of both is the nearer."""
@@ -334,23 +321,16 @@ class QuietProblem(OrbitProblem):
             return touch
         return replace(touch, time=touch.time - span)
 
-    def _rows(self) -> dict[Row, str]:
-        """The gap coordinates of the guards of the first mode, each with the letter of one."""
-        mode = self.model.first_mode
-        return {g.row(self.m // 2): g.name for g in self.model.WALLS if mode in g.modes}
-
-    def _on_track(self, watched: Mapping[Row, str], unknowns: Array) -> dict[Row, Excursion]:
-        """The extrema of gap coordinates, of a flight that is integrated."""
-        values, state = self.values(unknowns), self.state(unknowns)
-        length = self.times_around(unknowns, 0)[1]
+    def _seen(self, unknowns: Array, length: float) -> dict[Row, Seen]:
+        """The gap coordinates of the guards of the first mode."""
+        values, state, mode = self.values(unknowns), self.state(unknowns), self.model.first_mode
+        rows = {g.row(self.m // 2): g.name for g in self.model.WALLS if mode in g.modes}
+        if not self.kernels.integrated(SECTION):
+            since = {row: self.kernels.since(name) for row, name in rows.items()}
+            return {row: seen_by(since[row], state, length, values) for row in rows}
         track = self._track(unknowns, state, values, length)
-        found = {}
-        for row in watched:
-            curve = track.along(row)
-            ends = (length, curve((), length, ())[1], 0.0, 0.0)
-            turns = excursions(curve, (), (), ends, curve.breaks(), 0.0, math.inf)
-            found[row] = _or_at_rest(turns, curve((), 0.0, ())[0])
-        return found
+        curves = {row: track.along(row) for row in rows}
+        return {row: (curve, curve.breaks()) for row, curve in curves.items()}
 
     def _track(
         self, unknowns: Array, state: list[float], values: list[float], length: float
@@ -363,23 +343,6 @@ class QuietProblem(OrbitProblem):
         span, places = self.span(unknowns), np.array(state[::2])
         more = integrated_track(self.kernels, SECTION, state, values, length - span)
         return join_flights([whole, more], [0.0, span], np.array([places, places]))
-
-    def _by_kernels(self, watched: Mapping[Row, str], unknowns: Array) -> dict[Row, Excursion]:
-        return {row: self._excursion(name, unknowns) for row, name in watched.items()}
-
-    def _excursion(self, wall: str, unknowns: Array) -> Excursion:
-        """The extrema of a guard's gap coordinate."""
-        values, state = self.values(unknowns), self.state(unknowns)
-        length, kernel = self.times_around(unknowns, 0)[1], self.kernels.since(wall)
-        breaks = breaks_of(kernel, state, values, length)
-
-        def motion(head: Vector, dt: float, p: Vector) -> Moved:
-            return kernel(*head, dt, *p)
-
-        arriving = motion(state, length, values)[1]
-        ends = (length, arriving, 0.0, 0.0)
-        turns = excursions(motion, state, values, ends, breaks, 0.0, math.inf)
-        return _or_at_rest(turns, motion(state, 0.0, values)[0])
 
     def first_lap(self, unknowns: Array) -> tuple[QuietProblem, Array]:
         """Return an orbit as one of its shortest period, itself if it repeats none."""

@@ -226,14 +226,15 @@ def motions_by_kernels(
     kernels: Kernels, wall: str, leave: Sequence[float], length: float, values: Sequence[float]
 ) -> list[Seen]:
     """Return each of the `coordinates` on a flight by its kernels."""
-
-    def seen(kernel: Kernel) -> Seen:
-        breaks = breaks_of(kernel, leave, values, length)
-        return (lambda head, dt, p: kernel(*leave, dt, *values)), breaks
-
     guards = kernels.model.WALLS
     first = (guards[numbers[0]].name for numbers in coordinates(kernels.model).values())
-    return [seen(kernels.gap(wall, other)) for other in first]
+    return [seen_by(kernels.gap(wall, other), leave, length, values) for other in first]
+
+
+def seen_by(kernel: Kernel, leave: Sequence[float], length: float, values: Sequence[float]) -> Seen:
+    """Return a gap coordinate on a flight by its kernel."""
+    breaks = breaks_of(kernel, leave, values, length)
+    return (lambda head, dt, p: kernel(*leave, dt, *values)), breaks
 
 
 def _touches(
