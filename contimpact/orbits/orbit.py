@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -14,8 +14,8 @@ from ..display import NotebookResult, ParameterItems, Summary, frame, limit_line
 from ..errors import InputError, short_repr
 from ..models.guards import Word, name_orbit
 from ..models.model import Model
-from ..models.outputs import Harvester, Output
-from .outputs import Contact, Mean, contacts_of, mean_output, mean_slope, output_along, rates_of
+from ..models.outputs import Harvester, Output, check_output
+from .outputs import Contact, Mean, contacts_of, means_of, rates_of, slopes_of_means, values_at
 from .problem import Linearisation, OrbitProblem, Path, motion_of, path_of
 from .quiet import problem_in
 
@@ -32,19 +32,6 @@ class Sensitivity(NamedTuple):
     """Derivatives of the impact times, shape (N,)."""
     velocities: Array
     """Derivatives of the velocities before impact, shape (N,)."""
-
-
-def sensitivity_of(orbit: Orbit, parameter: str) -> Sensitivity:
-    """Solve J dz = -dF/dp for an orbit's derivative.
-
-    Raises InputError for a parameter the model does not have, or an orbit at a fold or a branch
-    point.
-    """
-    model = orbit.model
-    model.require(parameter, "parameter")
-    problem, unknowns = problem_in(parameter, model, orbit.linearisation)
-    rows = rates_of(problem.evaluate(unknowns)).reshape(-1, problem.m)
-    return Sensitivity(rows[:, 0], rows[:, 1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +174,21 @@ class Orbit(ParameterItems, NotebookResult):
         InputError
             For anything else in the expression.
         """
-        return output_along(self.linearisation, self.model, Output("output", expression), points)
+        outputs, model = self._outputs(expression)
+        places = np.linspace(0.0, 1.0, points)
+        return values_at(self.linearisation, outputs, model, places)[0].ravel()
+
+    def _outputs(self, expression: str, *how: Any) -> tuple[list[Output], Model]:
+        """An expression as the only one of some outputs, and the model in whose names it is."""
+        model, output = self.model, Output("output", expression, *how)
+        check_output(output, model, "expression")
+        return [output], model
+
+    def _in(self, parameter: str) -> Linearisation:
+        """The orbit with another parameter free."""
+        self.model.require(parameter, "parameter")
+        problem, unknowns = problem_in(parameter, self.model, self.linearisation)
+        return problem.evaluate(unknowns)
 
     @property
     def contacts(self) -> list[Contact]:
@@ -225,8 +226,8 @@ class Orbit(ParameterItems, NotebookResult):
             For anything else in the expression.
         """
         at_impacts = at_impacts or per_time
-        output = Output("output", expression, at_impacts, contacts, per_time, harvester)
-        return mean_output(self.linearisation, self.model, output)
+        given = self._outputs(expression, at_impacts, contacts, per_time, harvester)
+        return means_of(self.linearisation, *given)[0]
 
     def mean_sensitivity(
         self,
@@ -248,8 +249,8 @@ class Orbit(ParameterItems, NotebookResult):
             without impacts, at a fold or at a branch point.
         """
         at_impacts = at_impacts or per_time
-        output = Output("output", expression, at_impacts, "", per_time, harvester)
-        return mean_slope(self.linearisation, self.model, output, parameter)
+        given = self._outputs(expression, at_impacts, "", per_time, harvester)
+        return float(slopes_of_means(self._in(parameter), *given)[0, 0])
 
     def sensitivity(self, parameter: str) -> Sensitivity:
         """Return the derivatives of impact times and velocities with respect to a parameter.
@@ -259,7 +260,9 @@ class Orbit(ParameterItems, NotebookResult):
         InputError
             For a parameter the model does not have, or an orbit at a fold or a branch point.
         """
-        return sensitivity_of(self, parameter)
+        here = self._in(parameter)
+        rows = rates_of(here).reshape(-1, here.problem.m)
+        return Sensitivity(rows[:, 0], rows[:, 1])
 
     def fluctuations(self, noise: Mapping[str, float]) -> Fluctuations:
         """Return what small noise makes of a stable orbit, to first order.

@@ -21,10 +21,9 @@ from ..arrays import Array, Vector
 from ..errors import InputError
 from ..models.expressions import values_of
 from ..models.model import Model
-from ..models.outputs import CONTACT, TIME, VOLTAGE, Output, check_output, state_names
+from ..models.outputs import CONTACT, TIME, VOLTAGE, Output, state_names
 from ..segments.segment import ARRAYS, evaluate_in
 from .problem import Linearisation, motion_of
-from .quiet import problem_in
 
 if TYPE_CHECKING:
     from ..segments.derivatives import Series
@@ -239,18 +238,6 @@ def _over_contacts(
     return Mean(both[0], abs(both[1] - both[0]) + ROUNDING * abs(both[0]))
 
 
-def mean_output(here: Linearisation, model: Model, output: Output) -> Mean:
-    """Return the mean of an expression along an orbit; see `Orbit.mean`."""
-    check_output(output, model, "expression")
-    return means_of(here, [output], model)[0]
-
-
-def output_along(here: Linearisation, model: Model, output: Output, points: int) -> Array:
-    """Return an output at each time of an orbit's motion; see `Orbit.evaluate`."""
-    check_output(output, model, "expression")
-    return values_at(here, [output], model, np.linspace(0.0, 1.0, points))[0].ravel()
-
-
 def rates_of(here: Linearisation) -> Array:
     """Return the derivatives of an orbit's unknowns by its free parameters, shape (n, free).
 
@@ -305,14 +292,6 @@ def quadrature(parts: int) -> tuple[Array, Array]:
 
 PLACED = 1e-8
 """Part of a flight to which the largest value of an output is placed on it."""
-
-
-def mean_slope(here: Linearisation, model: Model, output: Output, parameter: str) -> float:
-    """Return the derivative of a mean by a parameter; see `Orbit.mean_sensitivity`."""
-    check_output(output, model, "expression")
-    model.require(parameter, "parameter")
-    problem, unknowns = problem_in(parameter, model, here)
-    return float(slopes_of_means(problem.evaluate(unknowns), [output], model)[0, 0])
 
 
 def slopes_of_means(here: Linearisation, outputs: Sequence[Output], model: Model) -> Array:
