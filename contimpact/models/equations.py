@@ -20,7 +20,7 @@ from ..errors import InputError, count_text, short_repr
 from .expressions import FUNCTIONS
 from .guards import AMBIGUOUS, Guard, Mode, Row, orders_of, pivot, rival_guards, state_before
 from .linear import Law
-from .nonlinear import Field
+from .nonlinear import Field, accelerations_of
 from .symbols import DT, INDICES, PHASE, T0, Double, HarmonicSum, exact, primed_symbol
 
 # Restitution: the state after an impact, and the flight that leaves with it.
@@ -135,7 +135,7 @@ def departure(
 
     x, v = state_symbols(size)
     laws = law(T0, x, v)
-    by_state = _accelerations(laws, present, x, v)
+    by_state = accelerations_of(laws, present, T0, x, v)
     rates = tuple(s if order == 2 else e for e, s, order in zip(laws, v, present, strict=True))
     pushed = law(PHASE + DT, now, end)
     if len(second) < size:
@@ -148,18 +148,6 @@ def departure(
         begun = tuple(sympy.sympify(e).xreplace(flying) for e in rates)
     parts = (tuple(position), begun, mean, end, pushed, by_state, rates)
     return Departure(*(_pad_coordinates(part, orders) for part in parts))
-
-
-def _accelerations(
-    law: Sequence[Expr], orders: Sequence[int], x: Sequence[Expr], v: Sequence[Expr]
-) -> tuple[Expr, ...]:
-    """Accelerations from laws of second order and of first, whose rates of change they are."""
-    rates = dict(zip(x, v, strict=True)) | {T0: sympy.S.One}
-    rates |= {v[i]: law[i] for i, order in enumerate(orders) if order == 2}
-    return tuple(
-        e if order == 2 else sympy.Add(*(sympy.diff(e, s) * rate for s, rate in rates.items()))
-        for e, order in zip(law, orders, strict=True)
-    )
 
 
 def _pad_coordinates(part: Sequence[Expr], orders: Sequence[int]) -> tuple[Expr, ...]:

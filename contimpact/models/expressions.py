@@ -182,6 +182,7 @@ def _power(base: float, exponent: float) -> float:
 
 FUNCTIONS = tuple("""sin cos tan asin acos atan sinh cosh tanh exp log sqrt""".split())
 CONSTANTS = ("pi",)
+_IN_FLOATS = {name: getattr(math, name) for name in (*FUNCTIONS, *CONSTANTS)}
 LONGEST_TEXT = 2000
 
 _BINARY: dict[type, Callable[[Any, Any], Any]] = {
@@ -204,9 +205,8 @@ def number(text: str, where: str, values: Mapping[str, float] | None = None) -> 
 
     Raises InputError if the text is not such an expression or its value is not finite.
     """
-    names = {name: getattr(math, name) for name in (*FUNCTIONS, *CONSTANTS)} | dict(values or {})
     try:
-        value = float(_Walker(text, where, names, float).value())
+        value = float(_Walker(text, where, _IN_FLOATS | dict(values or {}), float).value())
     except (ArithmeticError, ValueError, TypeError) as error:
         if isinstance(error, InputError):
             raise
@@ -235,8 +235,7 @@ def check_expression(
     finite real value, or if exponents, functions of functions or arguments of exp() have no bound.
     """
     functions = {name: _extent_function(name, growing) for name in FUNCTIONS}
-    constants = {name: getattr(math, name) for name in CONSTANTS}
-    names = functions | constants | dict.fromkeys(variables, Extent()) | dict(values or {})
+    names = _IN_FLOATS | functions | dict.fromkeys(variables, Extent()) | dict(values or {})
     try:
         value = _Checker(text, where, names, float).value()
     except InputError:
@@ -336,9 +335,8 @@ def combination_of(text: str, where: str, names: Mapping[str, Combination]) -> C
 
     Factors are evaluated in floats.
     """
-    functions = {name: getattr(math, name) for name in (*FUNCTIONS, *CONSTANTS)}
     try:
-        found = _Walker(text, where, functions | dict(names), float).value()
+        found = _Walker(text, where, _IN_FLOATS | dict(names), float).value()
     except (TypeError, ArithmeticError):
         return None
     return found if isinstance(found, Combination) else None

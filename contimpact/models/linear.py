@@ -37,8 +37,7 @@ class Law(sympy.Atom):
     def __getnewargs__(self) -> tuple[Any, ...]:
         return self.freedom, self.waves, self.numbers
 
-    def _hashable_content(self) -> tuple[Any, ...]:
-        return self.freedom, self.waves, self.numbers
+    _hashable_content = __getnewargs__
 
     def _sympystr(self, printer: Any) -> str:
         return f"Law({', '.join(map(printer._print, self.numbers))})"

@@ -38,8 +38,7 @@ class Field(sympy.Atom):
     def __getnewargs__(self) -> tuple[Any, ...]:
         return self.accelerations, self.rates
 
-    def _hashable_content(self) -> tuple[Any, ...]:
-        return self.accelerations, self.rates
+    _hashable_content = __getnewargs__
 
     def _sympystr(self, printer: Any) -> str:
         return f"Field({', '.join(map(printer._print, self._expressions))})"
@@ -188,7 +187,7 @@ class Motion:
         size = len(self.orders)
         t, *state = state_symbols(size)
         given = [sympy.sympify(e) for e in laws(t, state[:size], self._second(state[size:]))]
-        whole = self._accelerations(given, t, state[:size], state[size:])
+        whole = accelerations_of(given, self.orders, t, state[:size], state[size:])
         first = [
             None if order == 2 else e.as_independent(t, *state, as_Add=True)[1]
             for e, order in zip(given, self.orders, strict=True)
@@ -196,16 +195,6 @@ class Motion:
         self.motion = _linear(whole, t, state, period) or Nonlinear(
             _function(whole, [t, *state]), size, first if any(first) else ()
         )
-
-    def _accelerations(
-        self, given: Sequence[Any], t: Any, x: Sequence[Any], v: Sequence[Any]
-    ) -> list[Any]:
-        rates = dict(zip(x, v, strict=True)) | {t: sympy.S.One}
-        rates |= {s: e for s, e, order in zip(v, given, self.orders, strict=True) if order == 2}
-        return [
-            e if order == 2 else sympy.Add(*(sympy.diff(e, s) * r for s, r in rates.items()))
-            for e, order in zip(given, self.orders, strict=True)
-        ]
 
     def _second(self, v: Sequence[Any]) -> list[Any]:
         """The velocities that are part of the state."""
@@ -224,6 +213,19 @@ class Motion:
     def acceleration(self, t: Any, x: Sequence[Any], v: Sequence[Any]) -> list[Any]:
         """Return rates and accelerations, as `Formulas.acceleration` does."""
         return list(self.laws(t, x, v))
+
+
+def accelerations_of(
+    laws: Sequence[Any], orders: Sequence[int], t: Any, x: Sequence[Any], v: Sequence[Any]
+) -> tuple[Any, ...]:
+    """Return accelerations from laws of second order and of first, whose rates of change they
+    are."""
+    rates = dict(zip(x, v, strict=True)) | {t: sympy.S.One}
+    rates |= {s: e for s, e, order in zip(v, laws, orders, strict=True) if order == 2}
+    return tuple(
+        e if order == 2 else sympy.Add(*(sympy.diff(e, s) * rate for s, rate in rates.items()))
+        for e, order in zip(laws, orders, strict=True)
+    )
 
 
 def _linear(whole: Sequence[Any], t: Any, state: Sequence[Any], period: Any) -> Linear | None:

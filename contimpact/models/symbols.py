@@ -54,8 +54,7 @@ class Double(sympy.AtomicExpr):
     def __getnewargs__(self) -> tuple[Any, ...]:
         return (self.value,)
 
-    def _hashable_content(self) -> tuple[Any, ...]:
-        return (self.value,)
+    _hashable_content = __getnewargs__
 
     def _eval_evalf(self, prec: int) -> Any:
         return sympy.Float(self.value, precision=prec)
@@ -66,8 +65,7 @@ class Double(sympy.AtomicExpr):
     def _sympyrepr(self, printer: Any) -> str:
         return f"Double({self.value!r})"
 
-    def _pythoncode(self, printer: Any) -> str:
-        return repr(self.value)
+    _pythoncode = _sympystr
 
 
 def exact(value: float) -> Any:
