@@ -366,17 +366,8 @@ class Block:
         return len(self.iterations)
 
     def __getitem__(self, rows: slice) -> Block:
-        return Block(
-            self.unknowns[rows],
-            self.tangents[rows],
-            self.orientations[rows],
-            self.arclengths[rows],
-            self.iterations[rows],
-            self.described[rows],
-            self.make,
-            self.sign,
-            self.origin,
-        )
+        own = "unknowns", "tangents", "orientations", "arclengths", "iterations", "described"
+        return replace(self, measured=None, **{name: getattr(self, name)[rows] for name in own})
 
     def point(self, i: int) -> Point:
         """Return one of the points."""

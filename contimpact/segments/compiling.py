@@ -124,8 +124,7 @@ def load(
     pays = compiling_pays(identity, after)
     if key in _MISSING and not pays:
         return None
-    digest = hashlib.sha256("\0".join((*key, *_machine())).encode()).hexdigest()
-    folder, name = cache_folder(), f"compiled-{digest[:24]}"
+    folder, name = cache_folder(), f"compiled-{_digest(*key, *_machine())}"
     found = None
     if folder is not None and key not in _MISSING:
         found = _load_cached(folder, name, arguments)
@@ -163,8 +162,11 @@ def _are_known(arguments: str, cache: str | None) -> bool:
 
 def _mark(folder: Path, arguments: str) -> Path:
     """The file that says that a program with such arguments is in a cache."""
-    digest = hashlib.sha256("\0".join((arguments, *_machine())).encode()).hexdigest()
-    return folder / f"kind-{digest[:24]}.txt"
+    return folder / f"kind-{_digest(arguments, *_machine())}.txt"
+
+
+def _digest(*texts: str) -> str:
+    return hashlib.sha256("\0".join(texts).encode()).hexdigest()[:24]
 
 
 def cores() -> int:
@@ -210,8 +212,7 @@ def _recall_plain_time(identity: tuple[str, ...], folder: Path) -> None:
     """Count what earlier processes have taken for what a program does."""
     if identity in _KEPT:
         return
-    digest = hashlib.sha256("\0".join((*identity, *_machine())).encode()).hexdigest()
-    path, seconds = folder / f"plain-{digest[:24]}.txt", 0.0
+    path, seconds = folder / f"plain-{_digest(*identity, *_machine())}.txt", 0.0
     with contextlib.suppress(OSError, ValueError):
         found = float(load_file(path))
         seconds = found if 0.0 < found < math.inf else 0.0
@@ -283,8 +284,7 @@ def _compile_parts(program: Program, arguments: str, folder: Path, name: str) ->
 
     parts = []
     for module in Translation(program).modules(arguments):
-        digest = hashlib.sha256("\0".join((module, *_compiler())).encode()).hexdigest()
-        parts.append(f"part-{digest[:24]}.o")
+        parts.append(f"part-{_digest(module, *_compiler())}.o")
         if not is_intact(folder / parts[-1]):
             put_with_digest(folder / parts[-1], object_code(module))
     put_with_digest(folder / f"{name}.parts", "\n".join(parts).encode())

@@ -14,7 +14,7 @@ import json
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from ..errors import InputError
 from ..models.guards import are_parallel, following_letters, orders_of, pivot, rival_factor
@@ -59,6 +59,7 @@ def _key(model: Model) -> str:
 
 
 F = TypeVar("F")
+Method = TypeVar("Method", bound=Callable[..., Any])
 
 
 def _caller(
@@ -84,6 +85,20 @@ class _LazyKernels(dict[int, F]):
     def __missing__(self, number: int) -> F:
         self[number] = self.load(number)
         return self[number]
+
+
+def _known(method: Method) -> Method:
+    """A method that is asked once for each of its arguments, as long as its object lives."""
+    place = f"_{method.__name__}_known"
+
+    @functools.wraps(method)
+    def known(self: Kernels, *given: str) -> Any:
+        found = self.__dict__.setdefault(place, {})
+        if given not in found:
+            found[given] = method(self, *given)
+        return found[given]
+
+    return cast(Method, known)
 
 
 class Kernels:
@@ -122,12 +137,8 @@ class Kernels:
         self.loaded: list[str] = []
         self.generated: list[str] = []
         self._functions: dict[str, Kernel] = {}
-        self._derivatives: dict[str, Callable[..., Any]] = {}
-        self._segments: dict[tuple[str, str], Segment] = {}
-        self._linear: dict[str, bool] = {}
         self.unforced: set[tuple[float, ...]] = set()
         """Parameter values about which motions were seen not to depend on the time."""
-        self._integrated: dict[str, bool] = {}
         self._writer: Any = None
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -224,24 +235,22 @@ class Kernels:
                 found.append(k)
         return found
 
+    @_known
     def segment(self, start: str, end: str) -> Segment:
         """The segment from one wall to another, by their letters.
 
         Raises InputError if the second cannot follow the first.
         """
-        if (start, end) not in self._segments and start != SECTION:
+        if start != SECTION:
             after = following_letters(self.model.WALLS, start)
             if end not in after:
                 accepted = f"after {start} can come {' or '.join(after)}"
                 raise InputError("word", f"it has {end} after {start}", accepted)
-        if (start, end) not in self._segments:
-            form = Segment
-            if self.flown(start, end):
-                from .integrated_form import IntegratedForm
+        if self.flown(start, end):
+            from .integrated_form import IntegratedForm
 
-                form = IntegratedForm
-            self._segments[start, end] = form(self, start, end)
-        return self._segments[start, end]
+            return IntegratedForm(self, start, end)
+        return Segment(self, start, end)
 
     def flown(self, a: str, b: str) -> bool:
         """Whether the flight from wall a to wall b is integrated."""
@@ -251,24 +260,19 @@ class Kernels:
         """``flight(t0, *y0, t1, *y1, *p)``: the `Blocks` of a flight from wall a to wall b."""
         return self.kernel(f"flight_{a}_{b}")
 
+    @_known
     def second(self, a: str, b: str) -> Callable[..., Any]:
         """``second(t0, *y0, t1, *y1, *q, *p)``: how the `Blocks` of a flight change along q."""
-        name = f"second_{a}_{b}"
-        if name not in self._derivatives:
-            from .derivatives import second_derivatives
+        from .derivatives import second_derivatives
 
-            found = second_derivatives(self.flight(a, b), self._ends, self.parameters)
-            self._derivatives[name] = found
-        return self._derivatives[name]
+        return second_derivatives(self.flight(a, b), self._ends, self.parameters)
 
+    @_known
     def third(self, a: str, b: str) -> Callable[..., Any]:
         """``third(t0, *y0, t1, *y1, *q, *p)``: third derivatives of the residual along q."""
-        name = f"third_{a}_{b}"
-        if name not in self._derivatives:
-            from .derivatives import third_derivatives
+        from .derivatives import third_derivatives
 
-            self._derivatives[name] = third_derivatives(self.flight(a, b), self._ends)
-        return self._derivatives[name]
+        return third_derivatives(self.flight(a, b), self._ends)
 
     def bounded(self, a: str, b: str) -> Callable[..., Any]:
         """``bounded(t0, *y0, t1, *y1, *p)``: `flight` of pairs (value, bound of its error)."""
@@ -327,17 +331,11 @@ class Kernels:
         ``field(*state, *p)``."""
         return self.kernel(f"field_{a}")
 
+    @_known
     def linear(self, a: str) -> bool:
         """Whether the flight after a wall is a linear one, which `law` describes."""
-        if a not in self._linear:
-            self._linear[a] = self._is_linear(a)
-        return self._linear[a]
-
-    def _is_linear(self, a: str) -> bool:
-        model = self.model
-        after = model.guard(a).next_mode
-        size = model.DEGREES_OF_FREEDOM
-        orders = orders_of(model.MODES, after, size)
+        model, size = self.model, self.model.DEGREES_OF_FREEDOM
+        orders = orders_of(model.MODES, model.guard(a).next_mode, size)
         return all(orders) and self.motion(a).family is Family.LINEAR
 
     def mechanical(self, a: str) -> bool:
@@ -346,11 +344,10 @@ class Kernels:
         orders = orders_of(model.MODES, model.guard(a).next_mode, size)
         return self.linear(a) and orders == (2,) * size
 
+    @_known
     def integrated(self, a: str) -> bool:
         """Whether the flight after a wall, or from the section, is integrated, from its `field`."""
-        if a not in self._integrated:
-            self._integrated[a] = self._moving(a).family is Family.INTEGRATED
-        return self._integrated[a]
+        return self._moving(a).family is Family.INTEGRATED
 
     def _moving(self, a: str) -> Kernel:
         """A kernel of how a gap coordinate moves in the mode after a wall, or in the first one."""
@@ -407,12 +404,15 @@ class Kernels:
     def flights(self) -> Callable[..., Any]:
         """``flights(kind, t0, v0, t1, v1, p)``: the flight between two walls by their numbers,
         kind = start * walls + end; for one degree of freedom."""
-        named = self.model.letters
-        loaded = _LazyKernels[Callable[..., Any]](
-            lambda kind: self.noticed(*(named[i] for i in divmod(kind, len(named))))
-        )
-
+        loaded = self._between(self.noticed)
         return _caller("kind, t0, v0, t1, v1, p", "kind", "t0, v0, t1, v1", self.model, loaded)
+
+    def _between(
+        self, of_walls: Callable[[str, str], Callable[..., Any]]
+    ) -> _LazyKernels[Callable[..., Any]]:
+        """Kernels of two walls by the kind of a flight."""
+        named = self.model.letters
+        return _LazyKernels(lambda kind: of_walls(*(named[i] for i in divmod(kind, len(named)))))
 
     def noticed(self, a: str, b: str) -> Callable[..., Any]:
         """Return `flight`; of one that is integrated it is noticed if it is `long`."""
@@ -433,12 +433,9 @@ class Kernels:
         """``seconds(kind, t0, v0, t1, v1, q0, q1, q2, q3, p)``: how the `Blocks` of the flight
         between two walls by their numbers change along q, parameters held; for one degree of
         freedom."""
-        named = self.model.letters
-        loaded: _LazyKernels[Callable[..., Any]] = _LazyKernels(
-            lambda kind: self.second(*(named[i] for i in divmod(kind, len(named))))
-        )
         ends = "t0, v0, t1, v1, q0, q1, q2, q3"
         held = ", 0.0" * len(self.parameters)
+        loaded = self._between(self.second)
         return _caller(f"kind, {ends}, p", "kind", ends + held, self.model, loaded)
 
     @functools.cached_property
