@@ -272,13 +272,13 @@ def _product(one: Array, other: Array) -> Array:
 
 def _block_triangle(top: Array) -> Array:
     """[[A, B, C], [0, A, 0], [0, 0, A]] from [A, B, C]."""
-    n, columns = top.shape
+    n, columns = top.shape[-2:]
     if n == columns:
         return top
-    whole = np.zeros((columns, columns))
-    whole[:n] = top
+    whole = np.zeros((*top.shape[:-2], columns, columns), top.dtype)
+    whole[..., :n, :] = top
     for at in range(n, columns, n):
-        whole[at : at + n, at : at + n] = top[:, :n]
+        whole[..., at : at + n, at : at + n] = top[..., :n]
     return whole
 
 
@@ -562,16 +562,8 @@ def _relative(matrix: Array, other: Array) -> float:
 
 def triangular(parts: list[Array], sizes: list[float]) -> Array:
     """[[G, G_1, G_2], [0, G, 0], [0, 0, G]], each G_i divided by its size."""
-    if len(parts) == 1:
-        return parts[0]
-    n = parts[0].shape[-1]
-    whole = np.zeros((*parts[0].shape[:-2], n * len(parts), n * len(parts)), parts[0].dtype)
-    for i, part in enumerate(parts):
-        at = slice(n * i, n * i + n)
-        whole[..., at, at] = parts[0]
-        if i > 0:
-            whole[..., :n, at] = part / sizes[i]
-    return whole
+    beside = (part / size for part, size in zip(parts[1:], sizes[1:], strict=True))
+    return _block_triangle(np.concatenate([parts[0], *beside], axis=-1))
 
 
 def products(series: bool) -> Product:
