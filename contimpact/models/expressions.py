@@ -182,6 +182,7 @@ def _power(base: float, exponent: float) -> float:
 
 FUNCTIONS = tuple("""sin cos tan asin acos atan sinh cosh tanh exp log sqrt""".split())
 CONSTANTS = ("pi",)
+NUMPY_SPELLING = {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}
 _IN_FLOATS = {name: getattr(math, name) for name in (*FUNCTIONS, *CONSTANTS)}
 LONGEST_TEXT = 2000
 
@@ -277,8 +278,7 @@ def values_of(
     import numpy as np
 
     check_expression(text, where, tuple(variables))
-    numpys = {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}
-    names = {name: getattr(np, numpys.get(name, name)) for name in (*FUNCTIONS, *CONSTANTS)}
+    names = {name: getattr(np, NUMPY_SPELLING.get(name, name)) for name in _IN_FLOATS}
     names |= {name: functions[name] for name in FUNCTIONS} if functions else {}
     return _ArrayEvaluator(text, where, names | dict(variables), float).value()
 
@@ -293,7 +293,7 @@ def sympy_expression(text: str, where: str, symbols: Mapping[str, Any]) -> Any:
 
     from .symbols import exact
 
-    names = {name: getattr(sympy, name) for name in (*FUNCTIONS, *CONSTANTS)} | dict(symbols)
+    names = {name: getattr(sympy, name) for name in _IN_FLOATS} | dict(symbols)
     return _Walker(text, where, names, exact).value()
 
 

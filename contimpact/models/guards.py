@@ -156,10 +156,7 @@ def following_letters(guards: Sequence[Guard], letter: str) -> str:
 
 def is_path(guards: Sequence[Guard], letters: str) -> bool:
     """Return whether each letter of a word can follow the one before it, the first the last."""
-    return all(
-        b in following_letters(guards, a)
-        for a, b in zip(letters, letters[1:] + letters[:1], strict=True)
-    )
+    return _forbidden_pair(letters, graph(guards)) is None
 
 
 def reachable_letters(guards: Sequence[Guard], mode: str) -> str:

@@ -30,6 +30,7 @@ from enum import StrEnum
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
 from ..arrays import Number, Vector
+from ..models.expressions import FUNCTIONS as EXPRESSED
 from .integration import require
 
 SECTION = "0"
@@ -230,7 +231,7 @@ def _fold_name(constant: re.Match[str]) -> str:
         return "1e999"
 
 
-FUNCTIONS = tuple("sin cos tan asin acos atan sinh cosh tanh exp log sqrt floor".split())
+FUNCTIONS = (*EXPRESSED, "floor")
 """Elementary functions; Stumpff functions and free motions come besides."""
 
 

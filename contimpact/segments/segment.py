@@ -24,6 +24,7 @@ import numpy as np
 
 from ..arrays import Array, Number
 from ..errors import InputError
+from ..models.expressions import NUMPY_SPELLING
 from ..models.guards import Guard
 from ..models.model import Model
 from . import integrated_flight, kernel, linear_flow, transients
@@ -140,9 +141,8 @@ def _array_waves(rows: Any, phase: Any, dt: Any) -> Iterator[Any]:
         yield part.reshape(*part.shape, *(1 for _ in shape))
 
 
-_NUMPY_SPELLING = {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}
 ARRAYS = Arithmetic(
-    {name: getattr(np, _NUMPY_SPELLING.get(name, name)) for name in FUNCTIONS}
+    {name: getattr(np, NUMPY_SPELLING.get(name, name)) for name in FUNCTIONS}
     | {"nan": math.nan, **linear_flow.ARRAY, **integrated_flight.ARRAY, **PLAIN}
     | {"waves": _array_waves, "total": lambda x: np.sum(x, axis=0)}
     | stumpff.STUMPFF_ARRAY

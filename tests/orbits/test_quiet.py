@@ -15,11 +15,11 @@ from contimpact.diagrams.explore import follow
 from contimpact.diagrams.orbit_branch import continue_born, continue_orbit
 from contimpact.errors import InputError
 from contimpact.models.guards import Word
-from contimpact.orbits import quiet as module
 from contimpact.orbits.quiet import QuietProblem
 from contimpact.orbits.search import find_orbits
 from contimpact.results.catalogue import load_diagram, write_diagram
 from contimpact.results.scene import read_scene
+from contimpact.segments import touches as module
 from contimpact.segments.flight import breaks_of
 from contimpact.segments.kernels import Kernels
 from contimpact.systems.duffing import Duffing
