@@ -290,7 +290,6 @@ def _orbit(scene: Scene, kernels: Kernels, diagram: Diagram) -> Orbit:
 
 def machine() -> dict[str, Any]:
     """Return what the timings depend on, in general terms."""
-    import mpmath
     import scipy
 
     return {

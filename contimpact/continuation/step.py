@@ -527,22 +527,18 @@ class Position:
         """
         vector, table = made_by
         n = len(self.scale)
-        return StepVectors(
-            vector(self.options()),
-            vector(self.state()),
-            vector(self.scale),
-            vector(self.here.unknowns),
-            vector(self.here.tangent),
-            vector(self.chord()),
-            work=table(4, n),
-            rows=table(most, 2 * n + HEAD + recorded),
-        )
+        tables = table(4, n), table(most, 2 * n + HEAD + recorded)
+        return StepVectors(*map(vector, self._begun()), *tables)
+
+    def _begun(self) -> tuple[Vector, ...]:
+        """What is in the vectors, in their order, before the first step."""
+        here = self.here
+        return self.options(), self.state(), self.scale, here.unknowns, here.tangent, self.chord()
 
     def refill(self, vectors: StepVectors) -> None:
         """Make arrays anew what `vectors` made of them, for as many points."""
-        vectors.options[:], vectors.state[:] = self.options(), self.state()
-        vectors.scale[:], vectors.chord[:] = self.scale, self.chord()
-        vectors.z[:], vectors.tangent[:] = self.here.unknowns, self.here.tangent
+        for own, begun in zip(vectors, self._begun(), strict=False):
+            own[:] = begun
         vectors.work.fill(0.0)
         vectors.rows.fill(0.0)
 

@@ -40,7 +40,6 @@ from ..models.symbols import (
     primed_symbol,
 )
 from . import transients
-from . import transients as stumpff
 from .integration import Statement, text_of
 from .kernel import SECTION, Family, Setup, declaration, flat, refill, result_text
 from .linear_flow import Shape
@@ -252,7 +251,7 @@ def _stumpffs(expressions: Sequence[Any]) -> Iterator[_JointFunctions]:
         if argument.is_Symbol and order >= 1:
             used.setdefault(argument, set()).add(int(order))
     for argument, orders in used.items():
-        upto = next((n for n in stumpff.TOGETHER if n >= max(orders)), None)
+        upto = next((n for n in transients.TOGETHER if n >= max(orders)), None)
         if len(orders) < 2 or upto is None:
             continue
         name = argument.name.removesuffix("'")

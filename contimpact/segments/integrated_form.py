@@ -89,29 +89,28 @@ class IntegratedFlight:
 
     def fly(self, first: float, last: float, state: Array) -> tuple[Array, Array]:
         """Return the state at the end of a piece, and its derivatives by the directions."""
-        d, numbers = self.freedom, self.numbers(first, last, state)
-        found = np.array(integrator(self.field, self.directions)(numbers)).reshape(-1, 2, d)
-        (mean, end), tables = found[0], found[1:]
-        moved = numbers[0] * tables[:, 0]
-        moved[0] += mean
+        numbers = self.numbers(first, last, state)
+        found = np.array(integrator(self.field, self.directions)(numbers))
+        return self._covered(numbers[0], state, found)
+
+    def _covered(self, length: float, state: Array, found: Array) -> tuple[Array, Array]:
+        """The state at the end, and its derivatives, from mean and end velocities and theirs."""
+        d = self.freedom
+        means, ends = found.reshape(-1, 2, d).swapaxes(0, 1)
+        moved = length * means[1:]
+        moved[0] += means[0]
         moved[2 : 2 + d] += np.eye(d)
-        return (
-            np.concatenate([state[:d] + numbers[0] * mean, end]),
-            np.concatenate([moved, tables[:, 1]], axis=1).T,
-        )
+        there = np.concatenate([state[:d] + length * means[0], ends[0]])
+        return there, np.concatenate([moved, ends[1:]], axis=1).T
 
     def off(self, first: float, last: float, state: Array) -> tuple[Array, Array]:
         """Return bounds of the rounding errors of what `fly` returns."""
-        d, numbers = self.freedom, self.numbers(first, last, state)
-        names = " ".join(self.directions)
+        numbers, names = self.numbers(first, last, state), " ".join(self.directions)
         found = np.array(integrator(self.field, self.directions)(numbers))
-        sizes = rounding_scale(self.field, names, numbers, found).reshape(-1, 2, d)
+        sizes = rounding_scale(self.field, names, numbers, found)
         unit = 2.0 * np.finfo(float).eps
-        moved = abs(numbers[0]) * sizes[1:, 0]
-        moved[0] += sizes[0, 0]
-        moved[2 : 2 + d] += np.eye(d)
-        end = np.concatenate([np.abs(state[:d]) + abs(numbers[0]) * sizes[0, 0], sizes[0, 1]])
-        return unit * end, unit * np.concatenate([moved, sizes[1:, 1]], axis=1).T
+        end, table = self._covered(abs(numbers[0]), np.abs(state), sizes)
+        return unit * end, unit * table
 
     def factor(self, table: Array) -> Array:
         """Return the derivatives of the state at a piece's end by that at its start."""

@@ -28,8 +28,6 @@ from ..models.expressions import NUMPY_SPELLING
 from ..models.guards import Guard
 from ..models.model import Model
 from . import integrated_flight, kernel, linear_flow, transients
-from . import transients as array_transients
-from . import transients as stumpff
 from .kernel import ELEMENTARY, SECTION, Blocks, Row, cube, function_of, power, square
 from .kernel import FUNCTIONS as FUNCTIONS
 from .kernel import Kernel as Kernel
@@ -123,7 +121,7 @@ PLAIN: dict[str, Any] = {
 
 FLOATS = Arithmetic(
     {**PLAIN, **ELEMENTARY, **linear_flow.SCALAR, **integrated_flight.SCALAR}
-    | stumpff.STUMPFF_SCALAR
+    | transients.STUMPFF_SCALAR
     | transients.SCALAR
 )
 
@@ -145,8 +143,8 @@ ARRAYS = Arithmetic(
     {name: getattr(np, NUMPY_SPELLING.get(name, name)) for name in FUNCTIONS}
     | {"nan": math.nan, **linear_flow.ARRAY, **integrated_flight.ARRAY, **PLAIN}
     | {"waves": _array_waves, "total": lambda x: np.sum(x, axis=0)}
-    | stumpff.STUMPFF_ARRAY
-    | array_transients.ARRAY
+    | transients.STUMPFF_ARRAY
+    | transients.ARRAY
 )
 
 STATES = Arithmetic({**ARRAYS.names, **linear_flow.STATES, **integrated_flight.STATES})

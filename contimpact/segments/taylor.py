@@ -224,10 +224,8 @@ def flight_kernel(kernel: Kernel) -> BySeries:
 def path_kernel(kernel: Kernel) -> BySeries:
     """Return the kernel ``field`` of a wall as a function of what the kernel takes, the flight's
     duration and what `path_by_series` takes, which fills in the pieces of the flight."""
-    function = _function_of(kernel)
-    result, (field, numbers) = _result_of(function)
-    assert isinstance(numbers, ast.Tuple)
-    found = path_by_series(ast.literal_eval(field))
+    function, result, field, numbers = _taken_apart(kernel)
+    found = path_by_series(field)
     more = ["length", "space", "weights", "count", "way"]
     length, *others = (ast.Name(name, ast.Load()) for name in more)
     result.value = ast.Call(ast.Name("path", ast.Load()), [length, *numbers.elts, *others], [])
@@ -237,8 +235,7 @@ def path_kernel(kernel: Kernel) -> BySeries:
 def departure_kernel(kernel: Kernel) -> Kernel:
     """Return the kernel ``field`` of a wall as one of what its flight starts with: the time,
     positions, velocities, and the field's parameters."""
-    function = _function_of(kernel)
-    result, (_, numbers) = _result_of(function)
+    function, result, _, numbers = _taken_apart(kernel)
     result.value = numbers
     return _kernel_with(kernel, function, [], {}).function
 
@@ -246,10 +243,8 @@ def departure_kernel(kernel: Kernel) -> Kernel:
 def start_kernel(kernel: Kernel, freedom: int) -> Kernel:
     """Return the kernel ``field`` of a wall as one of the positions from which its flight starts,
     as many as there are coordinates: those that the mode does not have are at zero."""
-    function = _function_of(kernel)
-    result, (field, numbers) = _result_of(function)
-    assert isinstance(numbers, ast.Tuple)
-    own = statement(ast.literal_eval(field)).freedom
+    function, result, field, numbers = _taken_apart(kernel)
+    own = statement(field).freedom
     rest = [ast.Constant(0.0) for _ in range(freedom - own)]
     result.value = ast.Tuple([*numbers.elts[1 : 1 + own], *rest], ast.Load())
     return _kernel_with(kernel, function, [], {}).function
@@ -257,16 +252,17 @@ def start_kernel(kernel: Kernel, freedom: int) -> Kernel:
 
 def field_of(kernel: Kernel) -> str:
     """Return the text of the field that a kernel ``field`` returns."""
-    _, (field, _) = _result_of(_function_of(kernel))
-    return str(ast.literal_eval(field))
+    return _taken_apart(kernel)[2]
 
 
-def _result_of(function: ast.FunctionDef) -> tuple[ast.Return, list[ast.expr]]:
-    """The last line of a kernel ``field``, and what it returns."""
-    *_, result = function.body
+def _taken_apart(kernel: Kernel) -> tuple[ast.FunctionDef, ast.Return, str, ast.Tuple]:
+    """A kernel ``field``, its last line, and what it returns: the field and the numbers."""
+    *_, result = (function := _function_of(kernel)).body
     assert isinstance(result, ast.Return)
     assert isinstance(result.value, ast.Tuple)
-    return result, result.value.elts
+    field, numbers = result.value.elts
+    assert isinstance(numbers, ast.Tuple)
+    return function, result, str(ast.literal_eval(field)), numbers
 
 
 def _function_of(kernel: Kernel) -> ast.FunctionDef:
