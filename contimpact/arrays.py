@@ -6,6 +6,7 @@ import contextlib
 import functools
 import importlib.machinery
 import importlib.util
+import math
 import sys
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple, TypeAlias
@@ -55,6 +56,15 @@ def _array_table(rows: int, columns: int) -> Table:
 def tail(vector: Vector, place: int) -> Vector:
     """Return what a vector has from a place on; compiled code takes it that it has that place."""
     return vector[place:]
+
+
+def norm(vector: Vector, scale: Vector) -> float:
+    """Return the length of a vector, by natural sizes of its numbers."""
+    size = 0.0
+    for i in range(len(vector)):
+        part = vector[i] / scale[i]
+        size += part * part
+    return math.sqrt(size)
 
 
 LISTS = Containers(_list, _list_table)

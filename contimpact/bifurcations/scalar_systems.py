@@ -15,8 +15,8 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from ..arrays import Table, Vector
-from ..continuation.corrector import ALONG, NO_TANGENT, angle, cubic, norm
+from ..arrays import Table, Vector, norm
+from ..continuation.corrector import ALONG, NO_TANGENT, angle, cubic
 from ..orbits.block_cyclic import store
 from ..orbits.status import (
     AT_REST,

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 import numpy as np
 
-from ..arrays import Array, Vector
+from ..arrays import Array, Vector, norm
 from .branch import Evaluation, Event, Point, Problem, Refusal, RefusalDetails
 from .settings import Settings
 
@@ -42,15 +42,6 @@ def inner_product(a: Array, b: Array, scale: Array) -> float:
 def length(a: Array, scale: Array) -> float:
     """Return the metric's norm."""
     return float(np.linalg.norm(a / scale))
-
-
-def norm(z: Vector, scale: Vector) -> float:
-    """Return the length of a vector."""
-    size = 0.0
-    for i in range(len(z)):
-        part = z[i] / scale[i]
-        size += part * part
-    return math.sqrt(size)
 
 
 def distance(one: Vector, other: Vector, scale: Vector) -> float:

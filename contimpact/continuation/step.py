@@ -528,7 +528,7 @@ class Position:
         vector, table = made_by
         n = len(self.scale)
         tables = table(4, n), table(most, 2 * n + HEAD + recorded)
-        return StepVectors(*map(vector, self._begun()), *tables)
+        return StepVectors._make([*map(vector, self._begun()), *tables])
 
     def _begun(self) -> tuple[Vector, ...]:
         """What is in the vectors, in their order, before the first step."""

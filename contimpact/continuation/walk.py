@@ -525,10 +525,6 @@ class _Walker:
         return batch.piece
 
     @property
-    def watched(self) -> bool:
-        return bool(self.callback or self.progress or self.ending)
-
-    @property
     def looking(self) -> bool:
         """Whether every point is shown to somebody."""
         return self.callback is not None or not all(p.at_events_only for p in self.ending)
@@ -536,7 +532,7 @@ class _Walker:
     @property
     def fewest(self) -> int:
         """How many steps to ask for at first."""
-        return FEWEST if self.watched else UNWATCHED
+        return FEWEST if self.callback or self.progress or self.ending else UNWATCHED
 
     def sizes(self, unknowns: Array) -> Array:
         """The natural sizes of the unknowns at a point."""

@@ -19,7 +19,7 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple, TypeAlias
 
-from ..arrays import Table, Vector
+from ..arrays import Table, Vector, norm
 from ..segments.kernel import Blocks, Setup
 from ..segments.oscillation import (
     MOST,
@@ -378,11 +378,7 @@ def tangent_of_chain(
     n = m * len(orbit.kinds)
     eliminate(orbit, 0.0, True, z)
     det = solve(orbit, row, 1.0, out)
-    size = 0.0
-    for i in range(n + 1):
-        part = out[i] / scale[i]
-        size += part * part
-    size = math.sqrt(size)
+    size = norm(out, scale)
     if not (abs(det) > 0.0 and size > 0.0 and size - size == 0.0):
         return math.nan
     sizes = 0.0

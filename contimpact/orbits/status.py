@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..arrays import Array, Table, Vector, lapack
+from ..arrays import Array, Table, Vector, lapack, norm
 from ..models.guards import Guard
 from ..segments.flight import FlightGaps
 from .block_cyclic import Reduced, arrival_rate, eliminate, solve, store
@@ -89,11 +89,7 @@ def tangent_by_elimination(
     found = eliminate(blocks, arrivals, kept, 0.0, True, z, span)
     store(reduced, 0, found)
     det = solve(found, kept, count, row, 1.0, out)
-    size = 0.0
-    for i in range(2 * count + 1):
-        part = out[i] / scale[i]
-        size += part * part
-    size = math.sqrt(size)
+    size = norm(out, scale)
     if not (abs(det) > 0.0 and size > 0.0 and size - size == 0.0):
         return math.nan
     for i in range(2 * count + 1):
