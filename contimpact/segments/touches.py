@@ -311,19 +311,28 @@ def violated_guards(
     A jump of the gap coordinate leads there, or a mode that has guards which the one before does
     not have. To the guard reached the flight may have no duration, and then no gap but rounding.
     """
-    guards, (left, reached) = kernels.model.WALLS, ends
+    left, reached = ends
     jumps = kernels.passages.arrivals[left][left] == ELSEWHERE
-    ahead = [] if jumps else kernels.guards_ahead(left)
-    if not (jumps or ahead):
-        return
+    watched = (k for k, meets in enumerate(kernels.passages.watched[left]) if meets)
+    wanted = {*watched} if jumps else {*kernels.guards_ahead(left)}
+    for i, gap, least in _gaps_at(kernels, wanted, motions, positions, 0.0):
+        if gap < (0.0 if jumps and i != reached else -least):
+            yield kernels.model.WALLS[i].name, gap
+
+
+def _gaps_at(
+    kernels: Kernels,
+    wanted: set[int],
+    motions: Sequence[Seen],
+    positions: Sequence[float],
+    dt: float,
+) -> Iterator[tuple[int, float, float]]:
+    """Yield some guards, their gaps at a time of a flight, and the sizes of what is rounding."""
     for (motion, _), numbers in zip(motions, coordinates(kernels.model).values(), strict=True):
-        begin = motion((), 0.0, ())[0]
-        for i in numbers:
-            gap = guards[i].side * (positions[i] - begin)
-            exact = jumps and i != reached
-            least = 0.0 if exact else -ROUNDING * (abs(begin) + abs(positions[i]))
-            if gap < least and (kernels.passages.watched[left][i] if jumps else i in ahead):
-                yield guards[i].name, gap
+        for i in wanted.intersection(numbers):
+            place = motion((), dt, ())[0]
+            gap = kernels.model.WALLS[i].side * (positions[i] - place)
+            yield i, gap, ROUNDING * (abs(place) + abs(positions[i]))
 
 
 def ends_beyond(
@@ -335,17 +344,11 @@ def ends_beyond(
 ) -> Iterator[tuple[str, float]]:
     """Yield guards beyond which a flight ends that the next mode does not have, and by what gap: it
     need not turn there."""
-    guards, (left, reached) = kernels.model.WALLS, ends
-    behind = kernels.guards_behind(reached)
-    if not behind:
-        return
-    for (motion, _), numbers in zip(motions, coordinates(kernels.model).values(), strict=True):
-        for i in {*behind} & {*numbers}:
-            end = motion((), length, ())[0]
-            gap = guards[i].side * (positions[i] - end)
-            least = -ROUNDING * (abs(end) + abs(positions[i]))
-            if gap < least and kernels.passages.watched[left][i]:
-                yield guards[i].name, gap
+    watched = kernels.passages.watched[ends[0]]
+    behind = {k for k in kernels.guards_behind(ends[1]) if watched[k]}
+    for i, gap, least in _gaps_at(kernels, behind, motions, positions, length):
+        if gap < -least:
+            yield kernels.model.WALLS[i].name, gap
 
 
 def _leaving_at_once(
