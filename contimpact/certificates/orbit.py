@@ -27,7 +27,7 @@ from ..bifurcations.sliding import (
     sliding_kind_of_zero_velocity,
 )
 from ..bifurcations.zero_velocity import remove_impact
-from ..models.guards import Guard, Word, same_surface
+from ..models.guards import Guard, Word, orders_of, pivot, same_surface
 from ..orbits.problem import OrbitProblem
 from ..orbits.quiet import problem_of
 from ..segments.balls import number, turns
@@ -311,7 +311,8 @@ class Orbit:
         """The flight of the orbit without impacts, from where it is at the time zero.
 
         The impact at rest changes nothing, so that the orbit passes through its state; a motion
-        through a state is the only one, and leads from one state at the time zero.
+        through a state is the only one, and leads from one state at the time zero. Of numbers that
+        a law of first order leaves out of the state, it is known that they close.
         """
         space, problem = self.space, self.space.problem
         own = {k: problem.model.guard(problem.word.walls[k]) for k in dropped}
@@ -324,13 +325,22 @@ class Orbit:
         period = space.setup(values).period
         touch = [time - turns(time, period) * period, arb(0), *others]
         reach = problem.kernels.segment(SECTION, guard.name).over(space.arithmetic)
-        found = prove_zero(
-            space, lambda x: [number(r) for r in reach(x, touch, values)[0]], [0.0] * problem.m
-        )
+        closed = problem_of(problem.model, Word("", problem.word.period), problem.kernels)
+        quiet, size = BallProblem(closed, space.bits), problem.m // 2
+        place, orders = pivot(guard.row(size)), orders_of(problem.model.MODES, first, size)
+        order = [place, *(i for i in range(size) if i != place)]
+        missing = {2 * k + j: 2 * i + j for k, i in enumerate(order) for j in range(orders[i], 2)}
+
+        def system(x: Balls) -> Balls:
+            rows = [number(r) for r in reach(x, touch, values)[0]]
+            for row, own in missing.items():
+                rows[row] = quiet.flights([*x, self.z[-1]])[0][0][own]
+            return rows
+
+        found = prove_zero(space, system, [0.0] * problem.m)
         if found is None:
             raise ValueError("the state of the orbit without impacts is not isolated")
-        quiet = problem_of(problem.model, Word("", problem.word.period), problem.kernels)
-        (flight,) = BallProblem(quiet, space.bits).flights([*found[1], self.z[-1]])
+        (flight,) = quiet.flights([*found[1], self.z[-1]])
         if not all(x.contains(0) for x in flight[0]):
             raise ArithmeticError("the orbit without impacts is not closed")
         return flight

@@ -80,6 +80,32 @@ def test_an_impact_at_rest_that_is_a_jump_does_not_vanish():
         assert certify_entry(wrong, lambda here=here: here).clause == "stability"
 
 
+def test_rates_of_first_order_are_no_part_of_the_orbit_without_impacts():
+    """What the rate is at the time zero changes no motion, so that the state that leads to the
+    impact at rest was never the only one. The filter q decays by exp(-T/2)."""
+    table = {
+        "name": "filter",
+        "model": {
+            "system": "hybrid",
+            "period": "2*pi/w",
+            "parameters": {"w": 1.7, "s": 0.4},
+            "modes": {"free": {"q": "x - q/2", "x": "v", "v": "cos(w*t) - x - v/10"}},
+            "guards": {"R": {"within": "x <= s", "set": {"v": "-0.7*v"}}},
+        },
+        "follow": {"parameter": "s", "range": [0.3, 0.9], "orbits": ["R"]},
+    }
+    model = contimpact.read_scene(table).model
+    amplitude = 1.0 / np.hypot(1.0 - 1.7**2, 0.17)
+    orbits = contimpact.find_orbits(model.replace(s=0.9 * amplitude), "R", parameter="s", starts=16)
+    branches = [contimpact.continue_orbit(o, range=(0.3, 0.9), events=["V"]) for o in orbits]
+    event = next(e for b in branches for e in b.events if abs(e.value - amplitude) < 1e-9)
+    here = orbit_of(event, model).linearisation
+    found = certify_entry(event, lambda: here)
+    assert found.certified, found
+    wrong = dataclasses.replace(event, n_unstable=event.n_unstable + 1)
+    assert certify_entry(wrong, lambda: here).clause == "stability"
+
+
 @pytest.mark.parametrize("kind", ["G", "V"])
 @pytest.mark.full
 def test_where_sliding_vanishes_multipliers_are_those_without_it(kind):
