@@ -950,12 +950,16 @@ class OrbitProblem:
 
     def _largest_along(self, unknowns: Array) -> dict[tuple[float, ...], tuple[float, Array]]:
         """Of surfaces of one gap coordinate, its largest speed at instants of all flights, and the
-        largest along them of each section coordinate but the first."""
+        largest along them of each section coordinate but the first; where rounding alone moves a
+        coordinate, of all of them."""
         places = np.array([0.0, *INSTANTS, 1.0])
         motion = motion_of(Linearisation(self, unknowns), places)
         inside = np.tile((places > 0.0) & (places < 1.0), len(self.word))
         speeds = np.max(np.abs(motion.v[inside] @ self.rows.T), axis=0)
         largest = np.max(np.abs([motion.x, motion.v]), axis=1).T
+        waves = largest * (1.0, self.period(unknowns) / self.mean_order(self.values(unknowns)))
+        resting = np.max(waves, axis=1) < UNIT * np.max(waves)
+        largest[resting] = np.max(largest, axis=0)
         return {
             row: (float(np.max(speeds[place])), np.delete(largest, pivot(row), axis=0).ravel())
             for row, place in self.surfaces.items()

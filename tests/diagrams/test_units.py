@@ -408,3 +408,24 @@ def test_events_of_coordinates_coupled_one_way_do_not_depend_on_their_units():
     (found, error), *_ = values[0]
     assert error < 1e-12
     assert found == pytest.approx(values[1][0][0], abs=1e-13)
+
+
+def test_a_coordinate_that_rests_but_for_rounding_bends_no_curve():
+    """It was measured by its rounding, 1e-41, beside which every step of the curve turned."""
+    machine = {"system": "linear", "period": "2*pi/om", "guards": {}}
+    machine["guards"]["R"] = {"within": "x <= s", "restitution": "r"}
+    machine["guards"]["L"] = {"within": "x >= -0.5", "restitution": "r"}
+    alone = {"coordinates": ["x"], "mass": [1], "damping": [0.1], "stiffness": [1]}
+    beside = {"coordinates": ["x", "q"], "mass": [1, 1], "damping": [0.1, 0.7]}
+    beside |= {"stiffness": [1, 1.3], "force": ["cos(om*t) + 0.05", 0]}
+    ends = []
+    for one in (alone | {"force": ["cos(om*t) + 0.05"]}, beside):
+        model = {**machine, **one, "parameters": {"om": 1.7, "s": 0.1, "r": 0.8}}
+        follow = {"parameter": "s", "range": [0.05, 0.9], "orbits": ["RL"]}
+        scene = read_scene({"name": "beside", "model": model, "follow": follow})
+        orbits = find_orbits(scene.model, "RL", parameter="s", starts=16)
+        branches = [continue_orbit(o, range=(0.05, 0.2), events=["PD"]) for o in orbits]
+        (doubling,) = (e for b in branches for e in b.events if not e.ghost)
+        curve = ci.follow_curve(doubling, scene.model, "r", (0.05, 0.9), (0.7, 0.9))
+        ends.append(sorted((curve["s"][k], curve["r"][k]) for k in (0, -1)))
+    assert np.max(np.abs(np.subtract(*ends))) < 1e-12
