@@ -259,8 +259,7 @@ class Resonance(CurveTest):
 
     def accept(self, event: Event[CurvePoint]) -> bool:
         """Whether there is one eigenvector."""
-        orbit = event.point.evaluation.orbit
-        matrix = orbit.cyclic(self.multiplier)[:, : orbit.problem.n]
+        matrix = _in_natural_sizes(event.point.evaluation.orbit, self.multiplier)
         sizes = np.linalg.svd(matrix, compute_uv=False)
         return bool(sizes[-2] > ONE_EIGENVECTOR * sizes[0])
 
@@ -391,12 +390,17 @@ SMALLEST = -700.0
 
 def scaled_determinant(orbit: Linearisation, mu: float) -> float:
     """Return the determinant of C(mu) in natural sizes, which has the sign of its own."""
-    n = orbit.problem.n
-    free = mu == 1.0 and orbit.problem.autonomous  # C(1) is singular: of shifts in time
-    matrix = orbit.jacobian if free else orbit.cyclic(mu)
-    rows, sizes = orbit.sizes  # its own rows may vanish, as at rest
-    sign, logarithm = log_determinant(matrix[:, :n] * sizes[:n] / rows[:, None])
+    sign, logarithm = log_determinant(_in_natural_sizes(orbit, mu))
     return sign * math.exp(max(logarithm, SMALLEST))
+
+
+def _in_natural_sizes(orbit: Linearisation, mu: float) -> Array:
+    """C(mu), or where that is singular of shifts in time, the Jacobian; its own rows may vanish, as
+    at rest."""
+    n, (rows, sizes) = orbit.problem.n, orbit.sizes
+    free = mu == 1.0 and orbit.problem.autonomous
+    matrix = orbit.jacobian if free else orbit.cyclic(mu)
+    return matrix[:, :n] * sizes[:n] / rows[:, None]
 
 
 class TouchSingular(CurveTest):

@@ -16,7 +16,7 @@ from contimpact.bifurcations.kind import _is_recorded, kind_of
 from contimpact.bifurcations.kind import test_functions as make_tests
 from contimpact.bifurcations.sliding import near_touches
 from contimpact.bifurcations.zero_duration import ZeroDuration
-from contimpact.continuation.branch import Event, Point
+from contimpact.continuation.branch import EndKind, Event, Point
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams.connection_paths import is_physical
 from contimpact.diagrams.orbit_branch import continue_orbit
@@ -429,3 +429,25 @@ def test_a_coordinate_that_rests_but_for_rounding_bends_no_curve():
         curve = ci.follow_curve(doubling, scene.model, "r", (0.05, 0.9), (0.7, 0.9))
         ends.append(sorted((curve["s"][k], curve["r"][k]) for k in (0, -1)))
     assert np.max(np.abs(np.subtract(*ends))) < 1e-12
+
+
+@pytest.mark.full
+def test_a_double_multiplier_has_one_eigenvector_in_any_unit():
+    """Beside velocities of a million it was taken for one of two, at which no curve of NS begins.
+    One ends there by its own equations."""
+    machine = {"coordinates": ["x", "y"], "mass": [1, 1.5], "damping": [[0.2, -0.1], [-0.1, 0.1]]}
+    machine |= {"stiffness": [[2, -1], [-1, 1]], "force": ["u*cos(om*t)", 0]}
+    guards = {"A": {"within": "y <= s*u", "restitution": "r"}}
+    model = {"system": "linear", **machine, "period": "2*pi/om", "guards": guards}
+    model |= {"parameters": {"u": 1e6, "om": 1.3, "s": 0.69, "r": 0.7}}
+    follow = {"parameter": "s", "range": [0.3, 0.8], "orbits": ["A/2T"]}
+    scene = read_scene({"name": "column", "model": model, "follow": follow})
+    orbits = find_orbits(scene.model, "AA/2T", parameter="s", starts=32)
+    branches = [continue_orbit(o, range=(0.67, 0.76), events=["PD", "NS"]) for o in orbits]
+    events = sorted((e for b in branches for e in b.events), key=lambda e: (e.kind, -e.value))
+    torus, *_, doubling = (
+        ci.follow_curve(e, scene.model, "r", (0.3, 0.8), (0.55, 0.72)) for e in events if e.physical
+    )
+    end = next(end for end in torus.ends if end.kind is EndKind.RESONANCE)
+    (double,) = doubling.points
+    assert (double.kind, double.parameters["s"]) == ("R2", pytest.approx(end.value, rel=1e-9))
