@@ -543,9 +543,8 @@ def _agrees(check: Check, region: Region) -> bool:
 def _regions(group: Sequence[Curve], along: str, checks: Sequence[Check]) -> list[Region]:
     second = group[0].parameters[1]
     crossings = [p.parameters[second] for c in group for p in c.points if p.kind in CROSSINGS]
-    low = min(float(c[second].min()) for c in group)
-    high = max(float(c[second].max()) for c in group)
-    edges = unique_values([low, high, *crossings, *_ends(group, second)], SAME_EDGE * (high - low))
+    ends = _ends(group, second)
+    edges = unique_values([*ends, *crossings], SAME_EDGE * (max(ends) - min(ends)))
     labels = [curve.label for curve in group]
     rows: list[_Row] = []
     for left, right in itertools.pairwise(edges):
@@ -631,8 +630,25 @@ def _ends(group: Sequence[Curve], second: str) -> list[float]:
         x, ghost = curve[second], ghost_mask(curve)
         turns = np.nonzero(np.diff(x)[:-1] * np.diff(x)[1:] < 0.0)[0] + 1
         changes = np.nonzero(ghost[1:] != ghost[:-1])[0] + 1
-        found += [float(x[row]) for row in (0, -1, *turns, *changes)]
+        found += [float(x[row]) for row in (0, -1, *changes)]
+        found += [_turn(curve, x, row) for row in turns.tolist()]
     return found
+
+
+def _turn(curve: Curve, x: Array, row: int) -> float:
+    """Where a curve turns beside a row: the extremum of a quartic in arclength."""
+    plain = np.nonzero(curve["event"].astype(str) == "")[0]
+    place = int(np.searchsorted(plain, row))
+    near = plain[max(0, place - 2) : place + 3]
+    s = curve["arclength"][near] - curve["arclength"][row]
+    if len(near) < 3 or not np.all(np.diff(s) > 0.0):
+        return float(x[row])
+    quartic = np.polynomial.Polynomial.fit(s, x[near], len(near) - 1)
+    roots = quartic.deriv().roots()
+    inside = roots.real[
+        (np.abs(roots.imag) < SAME_EDGE) & (s[0] < roots.real) & (roots.real < s[-1])
+    ]
+    return float(quartic(min(inside, key=abs))) if len(inside) else float(x[row])
 
 
 def ghost_mask(curve: Curve) -> Array:

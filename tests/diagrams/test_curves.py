@@ -590,6 +590,17 @@ def test_a_region_ends_where_the_curve_becomes_a_ghost(fig6d):
     assert regions(flipped, "d", fig6d.checks) == found
 
 
+def test_a_region_ends_where_its_curve_turns():
+    """It ended at the nearest point that had been computed. Of forced motion that just reaches the
+    stop, a = hypot(1 - omega^2, c omega) is least at omega^2 = 1 - c^2/2."""
+    model = Oscillator(a=1.0, omega=0.9, c=0.1, k=1.0, sigma=1.0, r=0.8)
+    (orbit,) = find_orbits(model, "0", parameter="omega")
+    (grazing,) = continue_orbit(orbit, range=(0.9, 1.6), events=["G"]).events
+    curve = follow_curve(grazing, model, "a", (0.8, 1.6), (0.02, 1.5))
+    (region,) = regions([curve], "omega")
+    assert region.low == pytest.approx(0.1 * math.sqrt(1.0 - 0.1**2 / 4.0), abs=1e-8)
+
+
 @pytest.mark.full
 def test_regions_without_a_run_say_so(fig6d):
     found = regions(fig6d.curves, "d")
