@@ -108,7 +108,7 @@ ROUNDING = 1e-18
 """Steps below this that fall no more are those of rounding, where a system is ill-conditioned."""
 
 WIDTHS = (1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
-"""Radii of boxes tried, relative, the widest first: the wider, the more the uniqueness says."""
+"""Radii of boxes tried, beside sizes, the widest first: the wider, the more the uniqueness says."""
 
 
 def refine_zero(system: Function, guess: Sequence[float], inverse: Any) -> Balls | None:
@@ -183,9 +183,9 @@ def prove_zero(
     The box holds the guess. None where the test fails. One enclosure of the Jacobian, on the box,
     serves for all: its midpoint is inverted, and smaller boxes lie in it.
     """
-    x, found = [arb(value) for value in guess], None
+    x, found, sizes = [arb(value) for value in guess], None, _sizes(space, guess)
     for width in WIDTHS:
-        box = [_ball_around(v, g, width) for v, g in zip(x, guess, strict=True)]
+        box = [_ball_around(v, g, width * s) for v, g, s in zip(x, guess, sizes, strict=True)]
         jacobian = space.linearised(system, box)
         inverse = inverse_of(jacobian)
         if found is None and inverse is not None:
@@ -200,10 +200,18 @@ def prove_zero(
     return None
 
 
-def _ball_around(x: Any, guess: float, width: float) -> Any:
+def _sizes(space: BallProblem, guess: Sequence[float]) -> Sequence[float]:
+    """Sizes of unknowns: the orbit's go first, and small ones have natural units."""
+    sizes, count = np.maximum(1.0, np.abs(guess)), space.problem.n + 1
+    if len(guess) >= count:
+        own = space.problem.evaluate(np.array(guess[:count])).sizes[1]
+        sizes[:count] = np.fmin(sizes[:count], own)
+    return sizes.tolist()
+
+
+def _ball_around(x: Any, guess: float, radius: float) -> Any:
     """A ball around a zero that holds the guess."""
-    least = 2 * abs(x - guess).upper()
-    return x + arb(0, 1) * max(float(least), width * max(1.0, abs(guess)))
+    return x + arb(0, 1) * max(float(2 * abs(x - guess).upper()), radius)
 
 
 def _smallest(

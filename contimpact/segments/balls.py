@@ -330,7 +330,8 @@ class _Motion:
         self._taylor: dict[bool, list[Matrix]] = {}
 
     def _balanced(self, orders: list[list[Number]]) -> Blocks:
-        """G, its derivatives and its power series, in the units of `scales_of`."""
+        """G, its derivatives and its power series, in the units of `scales_of`; a series in a
+        variable that changes G fast is in so small a `step` of it that it does not."""
         matrices = [generators(self.shape, row, object) for row in orders]
         for later in matrices[1:]:
             later[0][: self.shape.freedom] *= 0
@@ -340,9 +341,18 @@ class _Motion:
         size = float(np.abs(middle * self.balance).max())
         slopes = (float(np.abs(_doubles(m) * self.balance).max()) for m in matrices[0][1:])
         self.sizes = [1.0, *(2.0 ** round(math.log2(s / size)) if s > 0.0 else 1.0 for s in slopes)]
+        changes = [
+            (float(np.abs(_doubles(m) * self.balance).max()) / (size * own)) ** (1.0 / k)
+            for k, row in enumerate(matrices[1:], start=1)
+            for m, own in zip(row, self.sizes, strict=True)
+        ]
+        self.step = 2.0 ** math.ceil(math.log2(max([1.0, *changes])))
         parts = [
-            [m * self.balance / size for m, size in zip(row, self.sizes, strict=True)]
-            for row in matrices
+            [
+                m * self.balance / size / self.step**k
+                for m, size in zip(row, self.sizes, strict=True)
+            ]
+            for k, row in enumerate(matrices)
         ]
         return [[_block(m.tolist()) for m in row] for row in parts]
 
@@ -396,7 +406,10 @@ class _Motion:
         if means not in self._taylor:
             rows = (self.means if means else self.positions)[: self.last + 1]
             found = [self._moved * self._flat(rows, order) for order in range(len(rows[0]))]
-            self._taylor[means] = [self._with_left_out(part, means) for part in found]
+            self._taylor[means] = [
+                self._with_left_out(part, means) * arb(self.step) ** k
+                for k, part in enumerate(found)
+            ]
         return self._taylor[means]
 
     @functools.cached_property

@@ -18,6 +18,7 @@ import contimpact
 from contimpact import certify, continue_orbit, find_orbits, load_entries, load_scene
 from contimpact.diagrams.explore import follow
 from contimpact.models.guards import Word
+from contimpact.results.branch import orbit_of
 from contimpact.results.catalogue import open_results, write_diagram
 from contimpact.results.options import CertifyOptions
 from contimpact.results.scene import read_scene
@@ -462,3 +463,24 @@ def test_a_number_beside_another_is_another_system():
         assert old in machine
         other = dataclasses.replace(entry, options={"machine": machine.replace(old, new)})
         assert certify_entry(other).clause in ("value", "existence"), (old, new)
+
+
+@pytest.mark.parametrize("unit", [1e9, 1e-6])
+def test_events_are_certified_in_any_unit_of_the_parameter(unit):
+    """Boxes were as wide as 1e-12 at least, whatever the unit, and a flight whose frequency counts
+    millions was said to turn by millions of radians."""
+    model = {"system": "linear", "coordinates": ["x"], "mass": [1], "damping": [0.1]}
+    model |= {"stiffness": [1], "force": ["cos(u*q*t)"], "period": "2*pi/(u*q)"}
+    model |= {"guards": {"R": {"within": "x <= 0.4", "restitution": 0.7}}}
+    model |= {"parameters": {"u": unit, "q": 1.7 / unit}}
+    limits = 1.7 / unit, 1.95 / unit
+    follow = {"parameter": "q", "range": list(limits), "orbits": ["R"]}
+    scene = read_scene({"name": "in other units", "model": model, "follow": follow})
+    orbits = find_orbits(scene.model, "R", parameter="q", starts=16)
+    events = continue_orbit(orbits[0], range=limits, events=["PD", "FB"]).events
+    assert {event.kind for event in events} == {"PD", "FB"}
+    for event in events:
+        here = orbit_of(event, scene.model).linearisation
+        found = certify_entry(event, lambda here=here: here)
+        assert found.certified, found
+        assert verify_entry(event, found, lambda here=here: here).certified
