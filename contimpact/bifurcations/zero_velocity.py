@@ -20,7 +20,15 @@ from ..models.guards import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from ..orbits.status import WRONG_WAY, Verdict, count_unstable
 from .codimension_two import touch_points
-from .extended_system import ExtendedSystem, OrbitEvent, OrbitPoint, Orbits, ReachedTest, ScalarTest
+from .extended_system import (
+    ExtendedSystem,
+    OrbitEvent,
+    OrbitPoint,
+    Orbits,
+    ReachedTest,
+    ScalarTest,
+    leaves_no_trace,
+)
 from .kind import (
     Change,
     CurvePoint,
@@ -34,7 +42,7 @@ from .kind import (
     declared,
     null_vector_start,
 )
-from .scalar_systems import ScalarForm
+from .scalar_systems import EPSILON, ScalarForm
 from .sliding import (
     ADDING,
     INSTANT,
@@ -257,10 +265,13 @@ class V(Kind):
 
     def multipliers(self, here: Linearisation, details: Details) -> tuple[Array, int]:
         shorter = remove_impact(here, details)
-        if shorter is None:
+        if shorter is not None:
+            there = shorter[0].evaluate(shorter[1])
+            found = there.by_blocks.multipliers
+        elif leaves_no_trace(here):
+            found = _limit_of_multipliers(here)
+        else:
             return super().multipliers(here, details)
-        there = shorter[0].evaluate(shorter[1])
-        found = there.by_blocks.multipliers
         return found, int(count_unstable(found))
 
     def verdict(self, here: Linearisation, details: Details) -> Verdict:
@@ -282,6 +293,15 @@ class V(Kind):
     def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
         shorter = _without_touch if len(word) > 1 else None
         return touch_points(_impact_at_rest, lambda here: here.orbit, shorter)
+
+
+def _limit_of_multipliers(here: Linearisation) -> Array:
+    """The multipliers where an impact at rest leaves no trace, so that they are quotients of
+    rounding: the middle of those of the branch to either side."""
+    step = np.cbrt(EPSILON) * here.singular_vectors(here.jacobian)[1][-1]
+    beside = (here.problem.evaluate(here.unknowns + side * step) for side in (-1.0, 1.0))
+    found = np.roots(sum(np.poly(at.multipliers) for at in beside))
+    return found[np.argsort(-np.abs(found), kind="stable")].astype(complex)
 
 
 def _impact_at_rest(here: CurvePoint) -> tuple[int, str, float]:

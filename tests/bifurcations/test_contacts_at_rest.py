@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 from zoo import PRELOADED as VALUES
 from zoo import Preloaded
 
-from contimpact import continue_orbit, follow_curve
+from contimpact import continue_orbit, find_orbits, follow_curve, read_scene
 from contimpact.bifurcations.extended_system import has_multiplier
 from contimpact.bifurcations.kind import Change, _missed_change
 from contimpact.models.guards import Word
@@ -170,3 +170,30 @@ def test_a_velocity_that_vanishes_with_both_flights_beside_it_is_no_v_of_its_own
     assert sorted(event.impact for event in merging) == [1, 2]
     assert all(event.residual < 1e-9 for event in found.events)
     assert not found.missed
+
+
+def test_multipliers_are_the_limit_where_an_end_of_a_contact_leaves_no_trace():
+    """They were quotients of rounding, -466 in one unit and -84 in another. The product is that of
+    Liouville's formula; beyond the V the motion is unphysical, and the multipliers go on."""
+    model = {"system": "hybrid", "period": "2*pi/om", "parameters": {"om": 0.88, "C": 0.5}}
+    model["modes"] = {
+        "free": {"x": "v", "v": "cos(om*t) - v/10 - x"},
+        "hit": {"x": "v", "v": "cos(om*t) - v/10 - x - 20*(x - 0.3) - C*v"},
+    }
+    model["guards"] = {
+        "C": {"mode": "free", "within": "x <= 0.3", "to": "hit"},
+        "R": {"mode": "hit", "within": "x >= 0.3", "to": "free"},
+    }
+    follow = {"parameter": "om", "range": [0.85, 0.9], "orbits": ["CR"]}
+    scene = read_scene({"name": "soft", "model": model, "follow": follow})
+    orbits = find_orbits(scene.model, "CR", parameter="om", starts=48)
+    events = [e for o in orbits for e in continue_orbit(o, range=(0.85, 0.9), events=["V"]).events]
+    assert events
+    for event in events:
+        assert (event.becomes, event.n_unstable) == (None, 0)
+        begin, end = (impact["time"] for impact in event.impacts)
+        found = np.prod([complex(*value) for value in event.multipliers])
+        assert abs(found - np.exp(-0.2 * np.pi / event.value - 0.5 * (end - begin))) < 1e-9
+        sides = np.array([event.multipliers_before, event.multipliers_after])[:, :, 0]
+        between = np.array(event.multipliers)[:, 0]
+        assert np.all((np.min(sides, axis=0) < between) & (between < np.max(sides, axis=0)))
