@@ -84,11 +84,14 @@ def test_jacobian_against_differences():
 
 
 class _Double:
-    """An orbit with a matrix of one round."""
+    """An orbit with a matrix of one round, all of its unknowns and equations of one size."""
+
+    autonomous = False
 
     def __init__(self, matrix):
         self.matrix, self.problem = np.array(matrix), self
         self.n = len(self.matrix)
+        self.sizes = np.ones(self.n), np.ones(self.n)
 
     def cyclic(self, mu):
         return self.matrix - mu * np.eye(self.n)
