@@ -184,14 +184,18 @@ def orbit_of(entry: Entry, model: Model | None = None, kernels: Kernels | None =
     return _solve_orbit(problem, rows, "entry")
 
 
-def orbit_at(branch: Branch, place: int | str, model: Model | None = None) -> Orbit:
-    """Return the orbit of a row of a branch; see `Branch.orbit`."""
+def orbit_at(
+    branch: Branch, place: int | str, model: Model | None = None, kernels: Kernels | None = None
+) -> Orbit:
+    """Return the orbit of a row of a branch; see `Branch.orbit`. Kernels of the branch's parameter
+    serve all rows."""
     where = f"branch {branch.id}"
     if isinstance(place, str):
         return orbit_of(branch.entry(place), model)
     row = _row(branch, place, where)
     at = model_at(branch, row, model)
-    problem = problem_of(at, Word(branch.word, branch.period), Kernels(at, branch.parameter))
+    word = Word(branch.word, branch.period)
+    problem = problem_of(at, word, kernels or Kernels(at, branch.parameter))
     unknowns = [branch[name][row] for name in columns_of(branch.word, problem.m)]
     rows = np.reshape(unknowns, (-1, problem.m))
     period = branch[PERIOD][row] if PERIOD in branch.columns else None

@@ -254,9 +254,10 @@ def fill_outputs(branch: Branch, outputs: Sequence[Output], model: Model) -> lis
     Where an orbit cannot be computed again from its row they stay as they are, and a note says so.
     """
     lost, columns = 0, [branch[name] for name in output_columns(outputs)]
+    kernels = Kernels(model, branch.parameter)
     for row in range(len(branch)):
         try:
-            orbit = orbit_at(branch, row, model)
+            orbit = orbit_at(branch, row, model, kernels)
         except InputError:
             lost += 1
             continue
