@@ -610,13 +610,14 @@ class KernelWriter:
         return self._shared(name, [T0, *self.start], about, outputs, reduce=True)
 
     def rates(self, name: str, a: str) -> str:
-        """How the velocities of coordinates of first order change with those of others."""
+        """How the velocities of coordinates of first order change with the state."""
         x, v = state_symbols(self.model.DEGREES_OF_FREEDOM)
         orders = orders_of(self.model.MODES, self.model.guard(a).next_mode, len(v))
         laws = zip(orders, self.leave(a).rates, strict=True)
-        found = tuple(sympy.diff(e, s) if k == 1 else sympy.S.Zero for k, e in laws for s in v)
-        about = f"""How velocities of coordinates of first order change with others after wall {a}:
-        the derivatives, row by row."""
+        state = *x, *v
+        found = tuple(sympy.diff(e, s) if k == 1 else sympy.S.Zero for k, e in laws for s in state)
+        about = f"""How velocities of coordinates of first order change with positions and
+        velocities after wall {a}: the derivatives, row by row."""
         return self._shared(name, [T0, *x, *v], about, found)
 
     def field(self, name: str, a: str) -> str:

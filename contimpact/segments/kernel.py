@@ -14,7 +14,7 @@ kernel             returns
 ``surfaces``       for each pair of guards, 1 if a flight ends on the surface it leaves, or else 0
 ``gap_<a>_<b>``    position, velocity and acceleration of the gap coordinate of wall b, after wall a
 ``law_<a>``        of a linear flight: degrees of freedom, harmonics, their numbers, start state
-``rates_<a>``      how velocities of coordinates of first order change with those of others
+``rates_<a>``      how velocities of coordinates of first order change with the state
 ``field_<a>``      of a flight that is integrated: the text of its field, and what it leaves with
 ``harmonics``      the mean, then k, a_k, b_k for each harmonic; NaN alone where there are none
 =================  ============================================================================

@@ -319,7 +319,7 @@ class Kernels:
 
     def rates(self, a: str) -> Kernel:
         """``rates(t, *x, *v, *p)``: how the velocities of coordinates of first order change with
-        those of others after a wall, a row for each coordinate."""
+        positions and velocities after a wall, a row for each coordinate."""
         return self.kernel(f"rates_{a}")
 
     def loss(self, a: str) -> Kernel:

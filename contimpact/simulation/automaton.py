@@ -161,16 +161,33 @@ class Automaton:
         """Return a wall as something to rest against."""
         before, after = self._low(wall)
         guard, row = self.guards[wall], self.rows[wall]
-        change = np.where(self._has_inertia(wall), before - after, 0.0)
-        start = [0.0] * (1 + 2 * self.size)
-        rates = self.kernels.rates(guard.name)(*start, *self.values)
-        change += np.reshape(rates, (self.size, self.size)) @ change
+        change = np.where(self.has_inertia(wall), before - after, 0.0)
+        change += self._rates(wall)[:, self.size :] @ change
         return Contact(wall, guard.side, self.positions[wall], row, change / (row @ change))
 
-    def _has_inertia(self, wall: int) -> Array:
-        """Which coordinates are of second order in the mode after a guard."""
+    def has_inertia(self, wall: int) -> Array:
+        """Return which coordinates are of second order in the mode after a guard."""
         mode = self.guards[wall].next_mode
         return np.array(orders_of(self.model.MODES, mode, self.size)) == 2
+
+    def _rates(self, wall: int) -> Array:
+        """The factors of positions and velocities in the velocities of the other coordinates."""
+        start = [0.0] * (1 + 2 * self.size)
+        found = self.kernels.rates(self.guards[wall].name)(*start, *self.values)
+        return np.reshape(found, (self.size, 2 * self.size))
+
+    def moving(
+        self, wall: int, phase: float, x: Sequence[float] | Array, v: Sequence[float] | Array
+    ) -> Array:
+        """Return positions and velocities in the mode after a guard, in which those of coordinates
+        of first order are by their laws."""
+        inertia, d = self.has_inertia(wall), self.size
+        found = np.concatenate([x, v])
+        if not inertia.all():
+            known = np.array(self.law(wall, phase, [0.0] * (2 * d - 1))[3][: 2 * d])
+            rates = known[d:] + self._rates(wall) @ (found - known)
+            found[d:] = np.where(inertia, found[d:], rates)
+        return found
 
     def motion(self, mode: str, held: int) -> LinearMotion:
         """Return the motion in a mode, some walls held."""
@@ -433,7 +450,7 @@ class Automaton:
     def _walls(self) -> tuple[bool, ...]:
         """The same of each guard; on a coordinate without inertia it goes on otherwise."""
         return tuple(
-            guard.rigid and self._stays(k) and bool(np.any(self.rows[k][self._has_inertia(k)]))
+            guard.rigid and self._stays(k) and bool(np.any(self.rows[k][self.has_inertia(k)]))
             for k, guard in enumerate(self.guards)
         )
 
@@ -488,8 +505,9 @@ class Automaton:
 
     def law_in(self, mode: str) -> LinearMotion | None:
         """Return the motion in a mode, no wall held, if it is linear."""
-        after = [guard.name for guard in self.guards if guard.next_mode == mode]
-        return self.motion(mode, 0) if all(map(self.kernels.mechanical, after)) else None
+        after = zip(self.guards, self.linear, strict=True)
+        linear = all(is_linear for guard, is_linear in after if guard.next_mode == mode)
+        return self.motion(mode, 0) if linear else None
 
     def derivative(self, before: State, after: State) -> Array:
         """Return the derivative of the map from one row of a run to the next, shape (2 d, 2 d).
@@ -678,7 +696,8 @@ class Automaton:
         wall = self._wall_of_start(position, mode)
         turns = math.floor(time / self.period)
         phase, motion = time - turns * self.period, self.motion(mode, 0)
-        begin = motion.embedded(position, velocity, phase)
+        x, v = self.moving(wall, phase, position, velocity).reshape(2, -1)
+        begin = motion.embedded(x, v, phase)
         lengths = windows(self.period, self.longest, short=False)
         for window in until_repeated(linear_windows(motion, begin, phase, lengths)):
             first = self._first(window, 0, None, wall)

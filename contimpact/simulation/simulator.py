@@ -18,7 +18,7 @@ import functools
 import math
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 import numpy as np
 
@@ -560,7 +560,7 @@ def free_motion(
     """
     law = simulator.machine.law_in(mode)
     if law is not None:
-        return _fixed_point(law, simulator.period)
+        return _fixed_point(law, simulator, mode)
     flow = _flow_of_section(simulator, mode)
     affine = not simulator.kernels.integrated(simulator.letters[0])
     if flow is not None and mode == simulator.model.first_mode and affine:
@@ -594,15 +594,28 @@ def state_after(
     return moved[:d].tolist(), moved[d : 2 * d].tolist()
 
 
-def _fixed_point(motion: LinearMotion, period: float) -> tuple[float, ...] | None:
-    """Where the affine map over a period leads back to, if it contracts."""
-    d = motion.shape.freedom
-    none = np.zeros(d)
-    forced = motion.track(motion.embedded(none, none, 0.0), period).at(period)[: 2 * d]
-    derivative = motion.flowed(period)
+def _fixed_point(motion: LinearMotion, simulator: Simulator, mode: str) -> tuple[float, ...] | None:
+    """Where the affine map over a period leads back to, if it contracts: a map of the state, which
+    has no velocities of coordinates of first order."""
+    d, period, machine = (
+        motion.shape.freedom,
+        simulator.period,
+        cast("Automaton", simulator.machine),
+    )
+    wall = wall_into(simulator.model, mode)
+    state = np.flatnonzero(np.concatenate([np.ones(d), machine.has_inertia(wall)]))
+
+    def moving(row: Array) -> Array:
+        return machine.moving(wall, 0.0, *row.reshape(2, -1))
+
+    at_rest = moving(np.zeros(2 * d))
+    embedding = np.array([moving(unit) for unit in np.eye(2 * d)[state]]).T - at_rest[:, None]
+    begin = motion.embedded(at_rest[:d], at_rest[d:], 0.0)
+    forced = motion.track(begin, period).at(period)[state]
+    derivative = motion.flowed(period)[state] @ embedding
     if not float(np.max(np.abs(np.linalg.eigvals(derivative)))) < CONTRACTS:
         return None
-    found: Array = np.linalg.solve(np.eye(2 * d) - derivative, forced)
+    found: Array = at_rest + embedding @ np.linalg.solve(np.eye(len(state)) - derivative, forced)
     return tuple(found.reshape(2, d).T.ravel().tolist())
 
 

@@ -146,7 +146,35 @@ def test_exponents_know_that_a_rate_is_no_state():
     assert math.fsum(found.per_impact[:-1]) == pytest.approx(whole, rel=3e-3)  # the ends tell
 
 
-def test_the_orbit_without_impacts_is_the_steady_state():
-    (orbit,) = find_orbits(model(), "0", parameter="w")
-    x, v = orbit.unknowns[:2]
-    assert cmath.isclose(abs(complex(x, -v / 300.0)), 20.0 * amplitude(300.0), rel_tol=1e-12)
+def test_the_motion_without_impacts_is_the_steady_state():
+    """It was not known, so that sweeps did not follow it to its grazing."""
+    (orbit,) = find_orbits(model(w=500.0), "0", parameter="w")
+    found = settle(Simulator(model(w=500.0)))
+    assert found.kind.value == "no impact"
+    x, v, volts, rate = found.motion
+    assert cmath.isclose(abs(complex(x, -v / 500.0)), 20.0 * amplitude(500.0), rel_tol=1e-12)
+    assert rate == pytest.approx((THETA * v - volts / R) / CAPACITY, rel=1e-12)
+    assert found.motion == pytest.approx(orbit.unknowns[:4], rel=1e-11)
+
+
+def test_a_start_has_the_rate_that_its_law_gives():
+    simulator = Simulator(model(w=500.0))
+    found = [simulator.start(0.3, [0.0, 2.0], [1.5, rate], "m") for rate in (0.0, 1e4)]
+    assert found[0] == found[1]
+
+    def law(t, y):
+        x, v, volts = y
+        force = (-C * v - K * x - THETA * volts) / M
+        return [v, force + 20.0 * math.cos(500.0 * t), (THETA * v - volts / R) / CAPACITY]
+
+    def hits(t, y):
+        return y[0] - D
+
+    hits.terminal = True
+    near = {"rtol": 1e-13, "atol": [1e-16, 1e-13, 1e-12], "method": "DOP853"}
+    flown = solve_ivp(law, (0.3, 0.4), [0.0, 1.5, 2.0], events=hits, first_step=1e-6, **near)
+    (first,) = flown.t_events[0]
+    time = found[0].phase + found[0].turns * simulator.period
+    assert time == pytest.approx(first, abs=1e-14)
+    known = (found[0].velocity, found[0].others[0])
+    assert known == pytest.approx(flown.y_events[0][0][1:], rel=1e-12)
