@@ -458,8 +458,8 @@ class _Explorer:
     def known(self, problem: OrbitProblem, unknowns: Array) -> str | None:
         """The branch an orbit lies on, itself or its mirror image."""
         images = [reduce_period(problem, unknowns, SAME_ORBIT)]
-        if self.symmetry is not None and problem.word.walls:
-            images.append(mirror_orbit(*images[0], self.symmetry))
+        if self.symmetry is not None and (image := mirror_orbit(*images[0], self.symmetry)):
+            images.append(image)
         for branch, run in zip(self.branches, self.runs, strict=True):
             if any(run.has(*image) for image in images):
                 return branch.id

@@ -41,7 +41,7 @@ from ..errors import InputError
 from ..models.guards import Word
 from ..models.model import Symmetry
 from ..orbits.problem import Linearisation, OrbitProblem
-from ..orbits.quiet import FreeQuietProblem, QuietProblem, problem_of
+from ..orbits.quiet import FreeQuietProblem, problem_of
 from ..orbits.search import mirror_orbit, reduce_period, rotate_to_word, solve_near
 from ..results.branch import Branch
 from ..results.diagram import entry_of, in_own_clock, tabulate
@@ -335,26 +335,30 @@ def symmetric(
     problem: OrbitProblem, unknowns: Array, symmetry: Symmetry | None, tolerance: float
 ) -> bool:
     """Whether an orbit is its own mirror image."""
-    image = _mirror_image(problem, unknowns, symmetry)
-    return image is not None and problem.apart(image, unknowns) < tolerance
+    images = _mirror_images(problem, unknowns, symmetry)
+    return any(problem.apart(image, unknowns) < tolerance for image in images)
 
 
 def mirrors_back(
     problem: OrbitProblem, unknowns: Array, tangent: Array, symmetry: Symmetry | None
 ) -> bool:
     """Whether the mirror image of a branch leaves its start as the branch itself, backwards."""
+    if not symmetric(problem, unknowns, symmetry, AT_IMAGE):
+        return False
     along = 1e-4 * tangent / np.max(np.abs(tangent / problem.natural_units(unknowns)))
-    image = _mirror_image(problem, unknowns + along, symmetry)
-    return image is not None and problem.apart(image, unknowns - along) < 1e-8
+    ways = (_mirror_images(problem, unknowns + way, symmetry) for way in (along, -along))
+    turned = (unknowns + problem.difference(*images) / 2.0 for images in zip(*ways, strict=True))
+    return any(problem.apart(image, unknowns - along) < 1e-8 for image in turned)
 
 
-def _mirror_image(
+def _mirror_images(
     problem: OrbitProblem, unknowns: Array, symmetry: Symmetry | None
-) -> Array | None:
-    """The mirror image of an orbit as one of its word; None if it is none of it."""
-    if symmetry is None or not problem.word.walls:
-        return None
-    return rotate_to_word(*mirror_orbit(problem, unknowns, symmetry), problem.word)
+) -> list[Array]:
+    """The mirror image of an orbit as one of its word, and begun later; none if it is none of
+    it."""
+    mirrored = None if symmetry is None else mirror_orbit(problem, unknowns, symmetry)
+    image = None if mirrored is None else rotate_to_word(*mirrored, problem.word)
+    return [] if image is None else [image, *problem.later(image)]
 
 
 def symmetric_end(problem: OrbitProblem, known: Known | None = None) -> _SymmetricEnd | None:
@@ -601,8 +605,7 @@ class Run:
         turned = rotate_to_word(problem, unknowns, self.problem.word)
         if turned is None:
             return False
-        later = problem.later(turned) if isinstance(problem, QuietProblem) else []
-        return any(self.holds(one) for one in (turned, *later))
+        return any(self.holds(one) for one in (turned, *problem.later(turned)))
 
     @functools.cached_property
     def _turning(self) -> list[tuple[int, Array]]:

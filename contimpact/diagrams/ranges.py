@@ -360,8 +360,6 @@ def _has_mirror_image(diagram: Diagram, interval: Interval, sweep: Sweep | None)
     known."""
     branch = diagram[interval.branch]
     assert isinstance(branch, Branch)
-    if not branch.word:
-        return False
     word, parameter = Word(branch.word, branch.period), branch.parameter
     try:
         model = model_at(branch, 0, sweep.model if sweep else None)

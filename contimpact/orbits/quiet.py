@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array, Number
 from ..errors import InputError
 from ..models.guards import Row, Word, following_letters, state_before, state_size
-from ..models.model import Model
+from ..models.model import Model, Symmetry
 from ..segments.flight import FlightGaps, Touch, touch_of
 from ..segments.kernel import SECTION
 from ..segments.kernels import Kernels
@@ -358,6 +358,17 @@ class QuietProblem(OrbitProblem):
             found.append(unknowns)
         return found
 
+    def mirrored(self, unknowns: Array, symmetry: Symmetry) -> Array:
+        """Return the image of an orbit under the model's symmetry."""
+        begins = np.array([0.0, self._image_begins(unknowns, symmetry), 1.0])
+        motion, image = motion_of(Linearisation(self, unknowns), begins), unknowns.copy()
+        image[: self.m] = symmetry.sign * np.array([motion.x[1], motion.v[1]]).T.ravel()
+        return image
+
+    def _image_begins(self, unknowns: Array, symmetry: Symmetry) -> float:
+        """At which part of an orbit its image begins."""
+        return symmetry.shift / self.word.period
+
     def solved_by(self, unknowns: Array) -> bool:
         """Whether unknowns are those of an orbit."""
         sizes = self.residual_sizes(self.scale(unknowns, 1.0))
@@ -469,6 +480,22 @@ class FreeQuietProblem(WithoutForcing, QuietProblem):
     def later(self, unknowns: Array) -> list[Array]:
         """Return none: without a forcing no orbit is another one a period of it later."""
         return []
+
+    def mirrored(self, unknowns: Array, symmetry: Symmetry) -> Array:
+        """Return the image of an orbit under the model's symmetry."""
+        image = super().mirrored(unknowns, symmetry)
+        image[1] = unknowns[1]
+        return image
+
+    def _image_begins(self, unknowns: Array, symmetry: Symmetry) -> float:
+        """At which part of an orbit its image begins: where the image's first coordinate is
+        largest."""
+        if symmetry.sign > 0.0:
+            return 0.0
+        span = self.span(unknowns)
+        track = self._track(unknowns, self.state(unknowns), self.values(unknowns), span)
+        first = track.along(np.eye(self.m // 2)[0].tolist())
+        return _extrema((first, first.breaks()), span)[3] / span
 
     def second_lap(self, unknowns: Array, moved: Array) -> tuple[Array, Array]:
         """Return an orbit run twice and its direction: the period does not move."""

@@ -59,14 +59,26 @@ def rotate_to_word(problem: OrbitProblem, unknowns: Array, word: Word) -> Array 
 
 def mirror_orbit(
     problem: OrbitProblem, unknowns: Array, symmetry: Symmetry
-) -> tuple[OrbitProblem, Array]:
-    """Return the image of an orbit under the model's symmetry, and its problem."""
+) -> tuple[OrbitProblem, Array] | None:
+    """Return the image of an orbit under the model's symmetry, and its problem; None if it is an
+    orbit without impacts in another mode."""
+    if isinstance(problem, QuietProblem):
+        return (
+            (problem, problem.mirrored(unknowns, symmetry)) if _stays(problem, symmetry) else None
+        )
     walls = "".join(symmetry.walls[wall] for wall in problem.word.walls)
     image = problem_of(problem.model, Word(walls, problem.word.period), problem.kernels)
     rows = problem.impacts(unknowns).copy()
     rows[:, 0] += symmetry.shift * problem.period(unknowns)
     rows[:, 1:] *= symmetry.sign
     return image, image.with_impacts(rows, problem.span(unknowns), unknowns)
+
+
+def _stays(problem: OrbitProblem, symmetry: Symmetry) -> bool:
+    """Whether the first mode is its own image, by the guards that end it."""
+    model = problem.model
+    own = {guard.name for guard in model.WALLS if model.first_mode in guard.modes}
+    return {symmetry.walls[name] for name in own} == own
 
 
 def repeats(problem: OrbitProblem, unknowns: Array, tolerance: float) -> bool:

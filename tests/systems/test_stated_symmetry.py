@@ -5,7 +5,9 @@ from copy import deepcopy
 import pytest
 
 import contimpact as ci
+from contimpact.diagrams.orbit_walks import symmetric
 from contimpact.models.model import Symmetry
+from contimpact.orbits.search import mirror_orbit
 
 RATTLE = {
     "system": "hybrid",
@@ -29,6 +31,11 @@ def stated(given, *keys, **changes):
         table = table[key]
     table.update(changes)
     return found
+
+
+def plain(given):
+    """The same without the symmetry."""
+    return {key: table for key, table in given.items() if key != "symmetry"}
 
 
 def scene(model, low=0.1, high=0.6, parameter="s", orbits=("RL",), **follow):
@@ -104,13 +111,73 @@ def test_branches_that_are_images_are_followed_once():
     values = [e.value for e in known.entries]
     assert [e.value for e in found.entries] == pytest.approx(values, abs=1e-11)
     assert [len(b.events) for b in found.branches] == [len(b.events) for b in known.branches]
-    without = {key: table for key, table in RATTLE.items() if key != "symmetry"}
-    twice = ci.follow(scene(without, **options))
+    twice = ci.follow(scene(plain(RATTLE), **options))
     assert len(twice.entries) > len(found.entries)
 
 
 def test_records_of_systems_without_one_are_the_same():
-    without = {key: table for key, table in RATTLE.items() if key != "symmetry"}
-    assert "symmetry" not in scene(without).model.options["machine"]
+    assert "symmetry" not in scene(plain(RATTLE)).model.options["machine"]
     text = scene(RATTLE).model.options["machine"]
     assert type(scene(RATTLE).model)(machine=text, **RATTLE["parameters"]).symmetry("s", (0.0,))
+
+
+def well(force, period="2*pi/w", **parameters):
+    """A mass in a field of its own between stops that it does not reach."""
+    given = stated(RATTLE, "modes", free={"x": "v", "v": force})
+    return given | {"period": period, "parameters": {"s": 9.0, "r": 0.7, **parameters}}
+
+
+TWO_WELLS = well("x - x**3 - 0.2*v + a*cos(w*t)", w=1.2, a=0.1)
+
+
+def test_an_orbit_without_impacts_has_an_image_in_the_other_well():
+    about = scene(TWO_WELLS, 0.06, 0.1, "a", ["0"])
+    symmetry = about.model.symmetry("a", (0.0,))
+    orbits = ci.find_orbits(about.model, "0", parameter="a")
+    places = sorted(orbit.unknowns[0] for orbit in orbits)
+    assert len(places) == 3
+    for orbit in orbits:
+        image, unknowns = mirror_orbit(orbit.problem, orbit.unknowns, symmetry)
+        assert image is orbit.problem
+        apart = [image.apart(unknowns, other.unknowns) for other in orbits]
+        assert min(apart) < 1e-12
+        assert symmetric(image, orbit.unknowns, symmetry, 1e-9) == (apart[orbits.index(orbit)] < 1)
+    once, twice = ci.follow(about), ci.follow(scene(plain(TWO_WELLS), 0.06, 0.1, "a", ["0"]))
+    assert (len(once.branches), len(twice.branches)) == (2, 3)
+
+
+@pytest.mark.full
+def test_where_orbits_without_impacts_lose_their_symmetry_one_way_is_followed():
+    """With stiffness that hardens they do at a BP, which stays."""
+    law = well("-x - x**3 - 0.2*v + a*cos(w*t)", w=1.2, a=4.0)
+    options = {"switch": ["BP"]}
+    once, twice = (
+        ci.follow(scene(given, 4.0, 4.6, "a", ["0"], **options)) for given in (law, plain(law))
+    )
+    assert [e.kind for e in once.entries] == [e.kind for e in twice.entries] == ["BP"]
+    assert "the mirror images of its orbits follow" in once.branches[1].ends[0].message
+    assert len(once.branches) == len(twice.branches) == 2
+    assert len(once.branches[1]) < len(twice.branches[1])
+
+
+@pytest.mark.full
+def test_a_cycle_without_impacts_has_an_image_in_the_other_well():
+    """Hopf: at a = 1 cycles of the period pi sqrt(2) are born on both equilibria, -1 and 1."""
+    law = well("x - x**3 + (a - x**2)*v", 4.4, a=0.98)
+    once, twice = (ci.follow(scene(given, 0.975, 0.985, "a", ["0"])) for given in (law, plain(law)))
+    assert (len(once.branches), len(twice.branches)) == (2, 3)
+
+
+def test_a_mode_whose_image_is_another_has_no_orbits_that_are_images():
+    sides = ("right", "+"), ("left", "-")
+    modes = {side: {"x": "v", "v": f"{sign}1 - x - 0.1*v + a*cos(w*t)"} for side, sign in sides}
+    guards = {
+        "R": {"mode": "right", "within": "x >= -b", "to": "left"},
+        "L": {"mode": "left", "within": "x <= b", "to": "right"},
+    }
+    parameters = {"w": 1.7, "a": 0.1, "b": 0.0}
+    given = RATTLE | {"modes": modes, "guards": guards, "parameters": parameters}
+    about = scene(given, 0.1, 0.2, "a", ["0"])
+    (orbit,) = ci.find_orbits(about.model, "0", parameter="a")
+    assert mirror_orbit(orbit.problem, orbit.unknowns, about.model.symmetry("a", (0.0,))) is None
+    assert len(ci.follow(about).branches) == 1
