@@ -25,10 +25,11 @@ from ..errors import (
     short_repr,
 )
 from ..models.guards import Word, is_rotation
-from ..models.model import Model
+from ..models.model import Model, Symmetry
 from ..orbits.orbit import Orbit
+from ..orbits.problem import OrbitProblem
 from ..orbits.quiet import problem_of
-from ..orbits.search import solve_near
+from ..orbits.search import mirror_orbit, solve_near
 from ..progress import Asked, progress_lines
 from ..results.branch import Branch, columns_of, coordinates, same_data
 from ..results.diagram import Diagram
@@ -784,33 +785,48 @@ def cover(sweep: Sweep, diagram: Diagram, kernels: Kernels | None = None) -> Cov
 
 
 def _match(row: Row, sweep: Sweep, diagram: Diagram, kernels: Kernels) -> Match | None:
-    """The nearest orbit on a branch; those of a motion without impacts are in the first mode."""
+    """The nearest orbit on a branch, or mirror image of one; those of a motion without impacts are
+    in the first mode."""
     attractor, found = row.attractor, []
     word, period, still = attractor.word, attractor.period, attractor.motion is not None
     if still and _first_mode(attractor, sweep):
         word, period = "", 1
     elif still or attractor.kind is not Kind.PERIODIC or word is None or period is None:
         return None
+    model = sweep.model.replace(**{sweep.parameter: row.value})
+    symmetry = model.symmetry(sweep.parameter, kernels.harmonics(*model.values.values()))
+    walls = {} if symmetry is None else symmetry.walls
     for branch in diagram.branches:
-        if branch.period != period or not is_rotation(branch.word, word):
+        image = "".join(walls.get(wall, wall) for wall in branch.word)
+        if branch.period != period or not any(is_rotation(w, word) for w in (branch.word, image)):
             continue
-        for orbit in orbits_on(branch, sweep, row.value, kernels):
+        for problem, unknowns in _orbits_and_images(branch, sweep, row.value, kernels, symmetry):
             if still:
-                distance = _distance_of_motions(attractor, orbit, kernels)
+                distance = _distance_of_motions(attractor, problem, unknowns)
             else:
-                impacts = orbit.problem.impacts(orbit.unknowns)
-                distance = _distance(attractor, branch.word, impacts)
+                distance = _distance(attractor, problem.word.walls, problem.impacts(unknowns))
             what = attractor.notation, word or "0", period
             found.append(Match(row.direction, row.value, *what, branch.id, distance))
     near = [match for match in found if match.distance < MATCH]
     return min(near, key=lambda match: match.distance, default=None)
 
 
-def _distance_of_motions(attractor: Attractor, orbit: Orbit, kernels: Kernels) -> float:
+def _orbits_and_images(
+    branch: Branch, sweep: Sweep, value: float, kernels: Kernels, symmetry: Symmetry | None
+) -> Iterator[tuple[OrbitProblem, Array]]:
+    """The orbits of a branch at a parameter value, and their mirror images."""
+    for orbit in orbits_on(branch, sweep, value, kernels):
+        own = orbit.problem, orbit.unknowns
+        yield own
+        if symmetry is not None and (image := mirror_orbit(*own, symmetry)):
+            yield image
+
+
+def _distance_of_motions(attractor: Attractor, problem: OrbitProblem, unknowns: Array) -> float:
     """How far a motion without impacts is from an orbit, in parts of its size."""
-    pair = np.array([orbit.unknowns[: orbit.problem.m], attractor.motion])
+    pair = np.array([unknowns[: problem.m], attractor.motion])
     mine, theirs = natural_places(pair, attractor.forcing_period)
-    walls = kernels.setup(*orbit.model.values.values()).walls
+    walls = problem.setup(unknowns).walls
     size = max(float(np.max(np.abs(theirs))), STILL * max(map(abs, map(float, walls))))
     return float(np.max(np.abs(mine - theirs))) / (size or 1.0)
 

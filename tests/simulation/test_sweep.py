@@ -369,6 +369,24 @@ def test_attractors_are_counted_alike_in_all_units(length, time):
     assert [a.notation for a in find_attractors(between, 8)] == ["1"]
 
 
+def test_attractors_lie_on_the_branch_of_their_mirror_images():
+    """Of symmetric stops, where 1:1 has lost its symmetry: the way from R to L takes more than half
+    a period, or as much less."""
+    stops = TwoStops(a=1.0, omega=1.7, c=0.1, k=0.0, sigma=0.41, r=0.7)
+    found = find_attractors(stops, 8)
+    assert [a.notation for a in found] == ["1:1", "1:1"]
+    one, other = (
+        np.diff(a.times[[a.word.index(w) for w in "RL"]])[0] % a.forcing_period for a in found
+    )
+    assert one + other == pytest.approx(2 * np.pi / 1.7, abs=1e-9)
+    assert abs(one - other) > 0.1
+    stable = next(o for o in find_orbits(stops, "1:1", parameter="sigma") if o.stable)
+    followed = continue_orbit(stable, "sigma", range=(0.4, 0.42), events=[])
+    rows = [Row("random", 0.41, attractor) for attractor in found]
+    covered = cover(Sweep(stops, "sigma", rows), Diagram("one of two", [followed]))
+    assert (len(covered.matches), covered.uncovered) == (2, [])
+
+
 def test_an_attractor_of_several_periods_goes_on_from_its_state(settled, pair, kernels_of):
     """Its fastest impact is in a later period than its first."""
     found = settled(s=50.0, A=50.0, r=0.3)

@@ -8,6 +8,7 @@ import contimpact as ci
 from contimpact.diagrams.orbit_walks import symmetric
 from contimpact.models.model import Symmetry
 from contimpact.orbits.search import mirror_orbit
+from contimpact.simulation.sweep import Row, Sweep, cover
 
 RATTLE = {
     "system": "hybrid",
@@ -144,6 +145,9 @@ def test_an_orbit_without_impacts_has_an_image_in_the_other_well():
         assert symmetric(image, orbit.unknowns, symmetry, 1e-9) == (apart[orbits.index(orbit)] < 1)
     once, twice = ci.follow(about), ci.follow(scene(plain(TWO_WELLS), 0.06, 0.1, "a", ["0"]))
     assert (len(once.branches), len(twice.branches)) == (2, 3)
+    rows = [Row("random", 0.1, found) for found in ci.find_attractors(about.model, 8)]
+    assert [row.attractor.notation for row in rows] == ["no impact"] * 2
+    assert len(cover(Sweep(about.model, "a", rows), once).matches) == 2
 
 
 @pytest.mark.full
