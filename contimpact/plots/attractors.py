@@ -34,7 +34,7 @@ from ..simulation.energy import attractor_voltages
 from ..simulation.integrity import BasinFractions
 from ..simulation.manifolds import Manifold
 from ..simulation.run import Run
-from ..simulation.simulator import Simulator
+from ..simulation.simulator import Simulator, state_after
 from ..simulation.sweep import Basins, Row, Simulators, Sweep, same_attractor
 from ..storage import Content, write_all
 from ..systems.membrane import Membrane
@@ -72,6 +72,8 @@ TOUCH: dict[str, Any] = {
 TOUCH |= {"markersize": 3.4, "markeredgewidth": 0.7}
 OTHERS = ("#D55E00", "#009E73", "#CC79A7", "#56B4E9")
 """Colours of orbits beside the attractor; none is a wall's."""
+QUIET_POINTS = 200
+"""Points drawn of a motion without impacts in a period."""
 SHOWN = 40
 """Impacts drawn of a motion that is not periodic, in diagrams and time series."""
 LOOPS = 160
@@ -115,14 +117,11 @@ def _quiet_motion(
     simulator: Simulator, attractor: Attractor, periods: int
 ) -> tuple[Any, Any, Any, Any]:
     """Return the same of a motion without impacts that has the forcing's period."""
-    from ..results.branch import orbit_with
-
     assert attractor.motion is not None
-    model = attractor.require_model(simulator.model)
-    name, value = next(iter(model.values.items()))
-    orbit = orbit_with(model, ("", 1), name, np.append(attractor.motion, value))
-    t, x, v = orbit.motion()
-    guards, turns = model.WALLS, max(1, periods)
+    t = np.linspace(0.0, simulator.period, QUIET_POINTS)
+    states = (state_after(simulator, attractor.mode, attractor.motion, time) for time in t.tolist())
+    x, v = np.array([*states]).transpose(1, 0, 2)
+    guards, turns = simulator.model.WALLS, max(1, periods)
     rows = np.array([guards[k].row(x.shape[1]) for k in coordinates_of(simulator)]).T
     times = np.concatenate([t + turn * simulator.period for turn in range(turns)])
     return times, np.tile(x @ rows, (turns, 1)), np.tile(v @ rows, (turns, 1)), []
@@ -265,7 +264,9 @@ def portrait_figure(
     """Return a figure with the phase plane and the time series of an attractor."""
     figure = style.new_figure(9.0, 4.0)
     left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.5))
-    if not attractor.times.size and attractor.motion is None:
+    mode, quiet = attractor.mode, attractor.motion
+    drawn = quiet is not None and state_after(simulator, mode, quiet, simulator.period)
+    if not (attractor.times.size or drawn):
         left.set_title(f"{plain_text(attractor.notation)}: its motion is not known", loc="left")
         for ax in (left, right):
             ax.set_axis_off()

@@ -225,16 +225,6 @@ def start_integrated(
     return integrated_arrival(left, low, high, rising, period, body.longest[0])
 
 
-def integrated_flow(
-    motion: Kernel, values: Sequence[float], state: Sequence[float], time: float
-) -> list[float]:
-    """Return position and velocity some time after those at t = 0, in the mode of a kernel, guards
-    passed through."""
-    left = departure(motion, (0.0, 0.0, 0.0, *values))
-    numbers = [left.time, *state, *left.parameters]
-    return list(IntegratedTrack(left.field, numbers, time).along((1,)).at_end())
-
-
 def integrated_arrival(
     left: Departure,
     low: float,

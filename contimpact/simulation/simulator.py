@@ -27,9 +27,11 @@ from ..display import ParameterItems
 from ..errors import InputError, explain_arguments, random_generator, require_whole
 from ..models.model import Model
 from ..segments.compiling import cores
-from ..segments.kernel import Family
+from ..segments.integration import statement
+from ..segments.kernel import SECTION
 from ..segments.kernels import Kernels
-from .flights import LinearMotion, integrated_flow
+from ..segments.track import IntegratedTrack, integrated_track
+from .flights import LinearMotion
 from .one_coordinate import OneCoordinate
 from .run import DONE, LEFT, OUTCOMES, Call, Outcome, PassageRule, Run, State, states_of, wall_into
 
@@ -539,8 +541,8 @@ def _rows(*columns: Any) -> Array:
 # Motions that meet no guard: the periodic motion they settle on, as it passes the section t = 0.
 #
 # A linear mode has one, the fixed point of its map over a forcing period, if that contracts. Of
-# other flights of one coordinate the motion itself is looked at, after as many periods as a flight
-# may last.
+# other flights of one coordinate, and of those that are integrated, the motion itself is looked at,
+# after as many periods as a flight may last.
 
 CONTRACTS = 1.0 - 1e-9
 """A map contracts if its multipliers are below this; undamped they are one within rounding."""
@@ -566,7 +568,7 @@ def free_motion(
     if flow is not None and mode == simulator.model.first_mode and affine:
         return _fixed_point_of(flow, simulator.period)
     if isinstance(left, State):
-        after = _flow_of_impact(simulator, left) if simulator.kernels.planar else None
+        after = _flow_of_impact(simulator, left)
         return after and _repeating_motion(simulator, after, left.wall)
     if flow is None or left is None:
         return None
@@ -578,7 +580,7 @@ def state_after(
 ) -> tuple[list[float], list[float]] | None:
     """Return position and velocity some time after t = 0, guards passed through.
 
-    None if the mode is neither linear nor, of one coordinate, the first one or integrated.
+    None if the mode is neither linear nor integrated nor, of one coordinate, the first one.
     """
     place, speed = list(motion[::2]), list(motion[1::2])
     law, d = simulator.machine.law_in(mode), len(place)
@@ -588,8 +590,8 @@ def state_after(
         flow = _flow_of_section(simulator, mode)
         if flow is None:
             return None
-        x, v = flow(motion, time)
-        return [x], [v]
+        after = flow(motion, time)
+        return after[::2], after[1::2]
     moved = law.track(law.embedded(place, speed, 0.0), simulator.period).at(time)
     return moved[:d].tolist(), moved[d : 2 * d].tolist()
 
@@ -624,16 +626,15 @@ Flow: TypeAlias = Callable[[Sequence[float], float], list[float]]
 
 
 def _flow_of_section(simulator: Simulator, mode: str) -> Flow | None:
-    """The flow from t = 0 of the first mode, by kernels, or of one that is integrated; None of
-    others, or several coordinates."""
+    """The flow from t = 0 of a mode that is integrated, or, of one coordinate, of the first one, by
+    kernels; None of others."""
     kernels, guard = simulator.kernels, simulator.model.WALLS[0]
-    if not kernels.planar:
+    own = mode == simulator.model.first_mode
+    left = SECTION if own else simulator.letters[wall_into(simulator.model, mode)]
+    if kernels.integrated(left):
+        return functools.partial(_integrated_flow, simulator, left)
+    if not (kernels.planar and own):
         return None
-    if mode != simulator.model.first_mode:
-        motion = kernels.motion(simulator.letters[wall_into(simulator.model, mode)])
-        if motion.family is not Family.INTEGRATED:
-            return None
-        return functools.partial(integrated_flow, motion, simulator.values)
     kernel, (by,) = kernels.since(guard.name), guard.row(1)
 
     def flow(state: Sequence[float], time: float) -> list[float]:
@@ -642,9 +643,23 @@ def _flow_of_section(simulator: Simulator, mode: str) -> Flow | None:
     return flow
 
 
-def _flow_of_impact(simulator: Simulator, left: State) -> Callable[[float], list[float]]:
-    """The same after an impact."""
-    kernel = simulator.kernels.motion(simulator.letters[left.wall])
+def _integrated_flow(
+    simulator: Simulator, left: str, state: Sequence[float], time: float
+) -> list[float]:
+    """The flow from t = 0 in the mode after a guard, or the first one; see `_end_of`."""
+    freedom = simulator.model.DEGREES_OF_FREEDOM
+    field, numbers = simulator.kernels.field(left)(*[0.0] * (2 * freedom), *simulator.values)
+    n = statement(field).freedom
+    begin = [numbers[0], *state[: 2 * n : 2], *state[1 : 2 * n : 2], *numbers[1 + 2 * n :]]
+    return _padded(IntegratedTrack(field, begin, time), time, freedom)
+
+
+def _flow_of_impact(simulator: Simulator, left: State) -> Callable[[float], list[float]] | None:
+    """The same after an impact; None of several coordinates that are not integrated."""
+    kernels, name = simulator.kernels, simulator.letters[left.wall]
+    if not kernels.planar:
+        return functools.partial(_end_of, simulator, left) if kernels.integrated(name) else None
+    kernel = kernels.motion(name)
     place, (by,) = simulator.positions[left.wall], simulator.model.WALLS[left.wall].row(1)
 
     def flow(time: float) -> list[float]:
@@ -653,6 +668,23 @@ def _flow_of_impact(simulator: Simulator, left: State) -> Callable[[float], list
         return [float(place + moved) / by, float(speed) / by]
 
     return flow
+
+
+def _end_of(simulator: Simulator, left: State, time: float) -> list[float]:
+    """Position and velocity of each coordinate after an impact whose flight is integrated."""
+    name, row = simulator.letters[left.wall], [left.phase, *left.section]
+    length = simulator.longest_flight * simulator.period - left.phase
+    track = integrated_track(simulator.kernels, name, row, simulator.values, length)
+    return _padded(track, time - left.phase, simulator.model.DEGREES_OF_FREEDOM)
+
+
+def _padded(track: IntegratedTrack, time: float, freedom: int) -> list[float]:
+    """The state on a track; coordinates that the mode does not have are at zero."""
+    found = np.zeros((freedom, 2))
+    (place,), (speed,) = track.at(np.array([time]))
+    found[: len(place)] = np.column_stack([place, speed])
+    numbers: list[float] = found.ravel().tolist()
+    return numbers
 
 
 def _fixed_point_of(flow: Flow, period: float) -> tuple[float, ...] | None:
@@ -680,7 +712,8 @@ def _repeating_motion(
     simulator: Simulator, flow: Callable[[float], list[float]], wall: int
 ) -> tuple[float, ...] | None:
     """The motion after its longest flight, beside a wall, if it is the same a period before."""
-    (by,), period = simulator.model.WALLS[wall].row(1), simulator.period
+    row = simulator.model.WALLS[wall].row(simulator.model.DEGREES_OF_FREEDOM)
+    by, period = max(row, key=abs), simulator.period
     longest, place = simulator.longest_flight, simulator.positions[wall]
     try:
         ends = [flow(periods * period) for periods in (longest - 1, longest)]

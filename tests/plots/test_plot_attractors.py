@@ -252,6 +252,31 @@ def test_a_portrait_of_motion_without_impacts_draws_it():
     assert (left.axison, right.axison) == (False, False)
 
 
+def test_a_portrait_of_motion_in_another_mode_is_that_of_the_mode():
+    """It was refused as no orbit of the model: it was looked for in the first mode. Beyond C the
+    mass is held about 13/12 by a spring of stiffness 6."""
+    free = "cos(2*t) - 3/10*v - x"
+    model = {
+        "system": "hybrid",
+        "period": "pi",
+        "parameters": {"e": 0.5},
+        "modes": {"free": {"x": "v", "v": free}, "held": {"x": "v", "v": f"{free} + 13/2 - 5*x"}},
+        "guards": {
+            "C": {"mode": "free", "within": "x <= e", "to": "held"},
+            "R": {"mode": "held", "within": "x >= e", "to": "free"},
+        },
+    }
+    follow = {"parameter": "e", "range": [0.4, 0.6], "orbits": ["0"]}
+    scene = read_scene({"name": "magnet", "model": model, "follow": follow})
+    simulator = Simulator(scene.model)
+    attractor = settle(simulator, simulator.start(0.0, 1.5, 0.2, "held"), mode="held")
+    left, _ = portrait_figure(simulator, attractor, {}).axes
+    position, _ = left.lines[0].get_data()
+    size = 1.0 / math.hypot(6.0 - 2.0**2, 0.3 * 2.0)
+    assert position.max() == pytest.approx(13 / 12 + size, rel=1e-3)
+    assert position.min() == pytest.approx(13 / 12 - size, rel=1e-3)
+
+
 def test_walls_of_a_stated_system_have_one_colour_in_all_pictures():
     """Guards are not in the order of the alphabet: circles had the colour of the other wall."""
     model = {

@@ -13,6 +13,7 @@ import sympy
 from scipy.integrate import solve_ivp
 
 from contimpact import Formulas, InputError, Model, Parameter, Simulator, read_scene, settle, sweep
+from contimpact.diagrams.explore import follow as follow_scene
 from contimpact.diagrams.scene_simulation import simulate
 from contimpact.models.linear import Linear
 from contimpact.models.model import Guard, Mode
@@ -21,6 +22,7 @@ from contimpact.results.diagram import Diagram
 from contimpact.results.options import Settling
 from contimpact.simulation.attractor import Attractor, Kind
 from contimpact.simulation.settle import settle_again
+from contimpact.simulation.simulator import state_after
 from contimpact.simulation.sweep import Row, Simulators, Sweep, cover, same_attractor
 from contimpact.simulation.transitions import find_transitions, locate
 from contimpact.systems.duffing import Duffing
@@ -346,3 +348,58 @@ def test_a_sweep_of_integrated_flights_stays_on_motion_in_another_mode():
 
     there = solve_ivp(motion, (0.0, 60.0 * math.pi), [0.5, 0.0], rtol=1e-11, atol=1e-13).y[:, -1]
     assert here.motion == pytest.approx(there, abs=1e-9)
+
+
+COUPLED = {
+    "system": "hybrid",
+    "period": "2*pi/w",
+    "parameters": {"w": 1.2, "a": 0.1, "c": 0.2, "s": 1.8, "k": 0.3},
+    "modes": {
+        "in": {
+            "x": "u",
+            "u": "x - x**3 - c*u + a*cos(w*t) + k*(y - x)",
+            "y": "v",
+            "v": "-2*y - c*v + k*(x - y)",
+        },
+        "out": {"x": "u", "u": "-(x - 3) - (x - 3)**3 - c*u + a*cos(w*t)"},
+    },
+    "guards": {
+        "C": {"mode": "in", "within": "x <= s", "to": "out"},
+        "R": {"mode": "out", "within": "x >= s", "to": "in", "set": {"y": "0", "v": "0"}},
+    },
+}
+"""A mass in a well that carries another one, which is lost in a third well beyond C."""
+
+
+def coupled(t, z, beyond):
+    """The rates, written anew."""
+    x, u, y, v = z
+    push = 0.1 * math.cos(1.2 * t) - 0.2 * u
+    if beyond:
+        return u, push - (x - 3) - (x - 3) ** 3, 0.0, 0.0
+    return u, push + x - x**3 + 0.3 * (y - x), v, -2 * y - 0.2 * v + 0.3 * (x - y)
+
+
+@pytest.mark.parametrize(
+    ("wall", "mode", "near"),
+    [("R", "in", (-0.8, 0.0, -0.1, 0.0)), ("C", "out", (3.0, 0.0, 0.0, 0.0))],
+)
+def test_motion_of_several_coordinates_that_is_integrated_is_known(wall, mode, near):
+    """It had none: no portrait, and no match with a branch of `0`."""
+    pytest.importorskip("heyoka")
+    follow = {"parameter": "a", "range": [0.09, 0.11], "orbits": ["0"]}
+    scene = read_scene({"name": "coupled", "model": COUPLED, "follow": follow})
+    simulator = Simulator(scene.model)
+    speed = {"R": -0.3, "C": 0.3}[wall]
+    found = settle(simulator, simulator.state(wall, 0.5, speed, (0.0, 0.0)))
+    assert (found.kind, found.mode) == (Kind.NO_IMPACT, mode)
+    span, limits = 60 * 2 * math.pi / 1.2, {"rtol": 1e-11, "atol": 1e-13}
+    after = solve_ivp(coupled, (0.0, span), near, "DOP853", args=(mode == "out",), **limits).y[
+        :, -1
+    ]
+    assert found.motion == pytest.approx(after, abs=1e-8)
+    quarter = solve_ivp(coupled, (0.0, 1.0), after, "DOP853", args=(mode == "out",), **limits).y
+    place, velocity = state_after(simulator, mode, found.motion, 1.0)
+    assert np.ravel([place, velocity], "F") == pytest.approx(quarter[:, -1], abs=1e-8)
+    matches = cover(Sweep(scene.model, "a", [Row("up", 0.1, found)]), follow_scene(scene)).matches
+    assert len(matches) == (mode == "in")
