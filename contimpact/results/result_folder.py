@@ -43,6 +43,8 @@ MANIFEST = "contimpact.manifest/1"
 MARK = "contimpact.unfinished"
 ROWS = "rows.jsonl"
 """File in which a simulation keeps its rows as it finds them. It names its scene, and is kept."""
+WHOLE = ("catalogue.json", "sweep.csv")
+"""Files of which there is one where results were written."""
 TABLES = ("branches", "curves")
 """Folders of tables in a folder of results."""
 SEALED = re.compile(rf"catalogue\.json|sweep\.csv|({'|'.join(TABLES)})/[^/]+\.csv")
@@ -315,8 +317,8 @@ def reading(folder: Path) -> Iterator[Mapping[str, Any] | None]:
     """Make sure that the results in a folder are of one run, and stay so while they are read;
     gives the folder's manifest, if it has one.
 
-    Raises InputError if a run was ended while it wrote the folder, its manifest belongs to another
-    catalogue or to another table, or it is rewritten meanwhile.
+    Raises InputError if a run was ended before it had written the folder, its manifest belongs to
+    another catalogue or to another table, or it is rewritten meanwhile.
     """
     manifest, before = _state(folder)
     yield manifest
@@ -345,6 +347,10 @@ def _state(folder: Path) -> tuple[Mapping[str, Any] | None, dict[str, str | None
         found = "a run is writing this folder, or ended before all was written"
         accepted = "run it again, or remove this file to use what is there"
         raise InputError(str(folder / MARK), found, accepted)
+    if is_there(folder / ROWS) and not any(is_there(folder / name) for name in WHOLE):
+        found = "a simulation is running, or ended before its results were written"
+        accepted = f"go on with it: contimpact simulate SCENE -o {folder} --resume"
+        raise InputError(str(folder / ROWS), found, accepted)
     content = read_json(manifest, MANIFEST, WANTED) if is_there(manifest) else None
     sealed = (content or {}).get("sha256")
     told = sealed if isinstance(sealed, dict) else {}

@@ -303,6 +303,14 @@ def test_another_scene_is_not_resumed(scene_file, simulated, tmp_path, capsys):
     assert "another scene" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("command", ["plot", "range"])
+def test_what_reads_a_killed_simulation_says_how_to_go_on(simulated, tmp_path, capsys, command):
+    """It asked for a folder made by contimpact run. What is killed leaves its rows alone."""
+    shutil.copy(simulated(SCENE) / "rows.jsonl", tmp_path)
+    assert cli.main([command, str(tmp_path)]) == 2
+    assert f"contimpact simulate SCENE -o {tmp_path} --resume" in capsys.readouterr().err
+
+
 def test_without_a_table_there_is_nothing_to_simulate(scene_file, tmp_path, capsys):
     assert run(scene_file(SCENE.split("[simulate]")[0]), "-o", tmp_path / "out") == 2
     assert "[simulate]" in capsys.readouterr().err
