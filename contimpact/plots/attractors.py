@@ -193,8 +193,9 @@ def plot_portrait(
         ax.plot(simulator.positions[wall], speed, **TOUCH)
     ax.axhline(0.0, color="0.85", linewidth=0.6, zorder=0)
     ax.locator_params(axis="x", nbins=5)
-    ax.set_xlabel(_name_in_portrait(simulator))
-    ax.set_ylabel(_name_in_portrait(simulator, moving=True))
+    place, velocity = names_of_gaps(simulator.model)
+    ax.set_xlabel(place)
+    ax.set_ylabel(velocity)
     below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16), "ncols": 2}
     ax.legend(handles=handles, fontsize=7, frameon=False, handlelength=3.2, **below)
     return ax
@@ -226,15 +227,35 @@ def plot_series(simulator: Simulator, attractor: Attractor, ax: Any = None) -> A
         ax.plot(time / simulator.period - begin, simulator.positions[wall], **TOUCH)
     ax.margins(x=0.01)
     ax.set_xlabel("$t/T$")
-    ax.set_ylabel(_name_in_portrait(simulator))
+    ax.set_ylabel(names_of_gaps(simulator.model)[0])
     return ax
 
 
-def _name_in_portrait(simulator: Simulator, moving: bool = False) -> str:
-    """What an axis of gap coordinates is called."""
-    if len(coordinates_of(simulator)) > 1:
-        return "their velocities" if moving else "gap coordinates"
-    return r"$\dot{Z}$" if moving else "$Z$"
+def names_of_gaps(model: Model) -> tuple[str, str]:
+    """Return what axes of gap coordinates and of their velocities are called: by the system's own
+    names, Z where it has none."""
+    size, found = model.DEGREES_OF_FREEDOM, dict[tuple[float, ...], tuple[str, str]]()
+    for guard in model.WALLS:
+        pairs, row = model.state_names(guard.modes[0] if guard.modes else ""), guard.row(size)
+        parts = [(c, *pair) for c, pair in zip(row, pairs, strict=False) if c]
+        if not all(name.isidentifier() for _, name, _ in parts):
+            several = len({other.row(size) for other in model.WALLS}) > 1
+            return ("gap coordinates", "their velocities") if several else ("$Z$", r"$\dot{Z}$")
+        place = _sum_of([(c, name) for c, name, _ in parts])
+        rates = [(c, rate) for c, _, rate in parts if rate.isidentifier()]
+        found[row] = place, _sum_of(rates) if len(rates) == len(parts) else f"rate of {place}"
+    places, velocities = zip(*found.values(), strict=True)
+    return ", ".join(places), ", ".join(velocities)
+
+
+def _sum_of(parts: Sequence[tuple[float, str]]) -> str:
+    """A sum of names with factors, as it is set."""
+    text = ""
+    for c, name in sorted(parts, key=lambda part: part[0] < 0.0):
+        sign = "$-$ " if c < 0.0 else "+ " if text else ""
+        factor = "" if abs(c) == 1.0 else f"{abs(c):g} "
+        text += f"{' ' * bool(text)}{sign}{factor}{symbol(name)}"
+    return text
 
 
 def draw_walls(ax: Any, places: Sequence[float], across: bool) -> None:

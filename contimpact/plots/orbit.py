@@ -22,7 +22,7 @@ from ..results.branch import Branch, Entry
 from ..results.curve import Curve
 from ..results.diagram import entry_by_name, to_orbit
 from ..simulation.attractor import Attractor
-from .attractors import INK_OF_PORTRAITS, OTHERS, draw_walls, name_walls
+from .attractors import INK_OF_PORTRAITS, OTHERS, draw_walls, name_walls, names_of_gaps
 from .curves import plot_curves
 from .diagram import COLOURS, legend_mark, new_figure, plot_diagram
 from .lines import STYLES, plain_text
@@ -87,7 +87,7 @@ def plot_orbit(
     if plane is not None:
         for orbit, look in zip(found, looks, strict=True):
             _draw_plane(plane, orbit, look)
-        _finish(plane, found, False, "$Z$", r"$\dot{Z}$")
+        _finish(plane, found, False, *names_of_gaps(found[0].model))
         handles = [
             legend_mark(label=plain_text(t, 60), **k) for t, k in zip(told, looks, strict=True)
         ]
@@ -96,7 +96,7 @@ def plot_orbit(
     if series is not None:
         for orbit, look in zip(found, looks, strict=True):
             _draw_series(series, orbit, look, periods)
-        _finish(series, found, True, "$t/T$", "$Z$")
+        _finish(series, found, True, "$t/T$", names_of_gaps(found[0].model)[0])
     for one, orbit in zip(given, found, strict=True):
         if isinstance(one, Entry) and one.touch_time is not None:
             _mark_touch(plane, series, orbit, one)

@@ -14,10 +14,10 @@ from zoo import ROOT
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.scene_simulation import Simulation
 from contimpact.plots import attractors as pictures
-from contimpact.plots.attractors import others_at, plot_portrait, portrait_figure
+from contimpact.plots.attractors import names_of_gaps, others_at, plot_portrait, portrait_figure
 from contimpact.plots.diagram import STYLES, WIDTHS
 from contimpact.results.options import Settling
-from contimpact.results.scene import read_scene
+from contimpact.results.scene import read_model, read_scene
 from contimpact.simulation.run import State
 from contimpact.simulation.settle import settle
 from contimpact.simulation.simulator import Simulator
@@ -275,6 +275,27 @@ def test_a_portrait_of_motion_in_another_mode_is_that_of_the_mode():
     size = 1.0 / math.hypot(6.0 - 2.0**2, 0.3 * 2.0)
     assert position.max() == pytest.approx(13 / 12 + size, rel=1e-3)
     assert position.min() == pytest.approx(13 / 12 - size, rel=1e-3)
+
+
+def test_axes_of_portraits_have_the_names_of_the_system():
+    """They were all called Z."""
+    rates = {"x": "u", "u": "-x - u", "y": "2*x - y", "z_1": "-z_1"}
+    guards = {"A": "x <= 1", "B": "x >= -1", "C": "z_1 - 2*y <= 3"}
+    model = {
+        "system": "hybrid",
+        "period": 1,
+        "parameters": {},
+        "modes": {"in": rates},
+        "guards": {letter: {"within": text} for letter, text in guards.items()},
+    }
+    assert names_of_gaps(read_model(model)) == (
+        "$x$, $z_{1}$ $-$ 2 $y$",
+        "$u$, rate of $z_{1}$ $-$ 2 $y$",
+    )
+    assert names_of_gaps(Oscillator(a=1.0, omega=2.5, c=0.1, k=1.0, sigma=0.5, r=0.8)) == (
+        "$Z$",
+        r"$\dot{Z}$",
+    )
 
 
 def test_walls_of_a_stated_system_have_one_colour_in_all_pictures():
