@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from fractions import Fraction
 from functools import cache
@@ -216,9 +216,9 @@ class Machine:
     def check(self) -> None:
         """Refuse expressions of anything but the parameters, and of the time in forces."""
         for name in self.parameters:
-            if name in (*FUNCTIONS, *CONSTANTS, TIME):
-                accepted = "give another name: expressions know it as something else"
-                raise InputError(f"parameters.{name}", f"the name {name!r}", accepted)
+            if what := meaning_of(name):
+                found = f"the name {name!r}, which is {what}"
+                raise InputError(f"parameters.{name}", found, "give another name")
         for name in MATRICES:
             for i, row in enumerate(getattr(self, name)):
                 for j, text in enumerate(row):
@@ -242,6 +242,17 @@ def _matrix_entry(matrix: Sequence[Sequence[str]]) -> str:
     if all(matrix[i][j] == "0" for i in size for j in size if i != j):
         return f"diagonal {', '.join(matrix[i][i] for i in size)}"
     return "; ".join(", ".join(row) for row in matrix)
+
+
+def meaning_of(name: str, parameters: Collection[str] = ()) -> str:
+    """Return what a name means in expressions; nothing if it is free."""
+    if name == TIME:
+        return "the time"
+    if name in FUNCTIONS:
+        return "a function"
+    if name in CONSTANTS:
+        return "a constant"
+    return "a parameter" if name in parameters else ""
 
 
 def stay_text(coordinates: Sequence[str], row: Sequence[float], side: int, position: str) -> str:
@@ -308,12 +319,11 @@ def _coordinates(names: Any, parameters: Sequence[str]) -> tuple[str, ...]:
     accepted = f"give a list of 1 to {MOST_COORDINATES} names, each once"
     if not isinstance(names, list) or not 1 <= len(names) <= MOST_COORDINATES:
         raise InputError("coordinates", f"found {short_repr(names)}", accepted)
-    taken = {*parameters, *FUNCTIONS, *CONSTANTS, TIME}
     for i, name in enumerate(names):
         if not isinstance(name, str) or not name.isidentifier() or name in names[:i]:
             raise InputError(f"coordinates[{i}]", f"found {short_repr(name)}", accepted)
-        if name in taken:
-            found = f"{name!r} is the name of something else"
+        if what := meaning_of(name, parameters):
+            found = f"the name {name!r}, which is {what}"
             raise InputError(f"coordinates[{i}]", found, "give a name of its own")
     return tuple(names)
 
@@ -402,7 +412,7 @@ def _sides(text: Any, where: str, coordinates: Sequence[str]) -> tuple[str, int,
     ):
         accepted += (
             ": coordinates alone on one side, with numbers for factors, parameters on the other "
-            "(let a coordinate be what a parameter is a factor of)"
+            '(write "k*x <= 1" as "x <= 1/k"; for "x1 - k*x2 <= 1" make k*x2 a coordinate)'
         )
         raise InputError(where, found, accepted)
     below = (signs[0] == "<=") is not (moving == [False, True])

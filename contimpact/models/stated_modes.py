@@ -21,6 +21,7 @@ from .machine import (
     TIME,
     Timed,
     angles_of,
+    meaning_of,
     stay_text,
     surface_of,
     text_of,
@@ -267,7 +268,8 @@ def _texts(given: Any, where: str) -> Texts:
 def _check_names(names: Sequence[str], where: str, taken: Sequence[str]) -> None:
     for name in names:
         if not name.isidentifier() or name in taken:
-            found = f"the name {short_repr(name)}"
+            what = meaning_of(name) or ("a parameter or a definition" if name in taken else "")
+            found = f"the name {short_repr(name)}" + (what and f", which is {what}")
             accepted = "give a name of its own, of letters, digits and underscores"
             raise InputError(f"{where}.{name}", found, accepted)
 

@@ -111,7 +111,9 @@ def test_models_are_copied_and_pickled_and_stand_in_entries():
         (guard(set={"v": "-v*t"}), r"S\.set\.v: 't' in '-v\*t' depends on the time; let the phase"),
         (guard(within="x <= sigma*cos(t)"), r"S\.within: 't' in .* depends on the time"),
         (laws(x="v", v="-x + q"), r"model\.modes\.free\.v: unknown name 'q'"),
-        (laws(a="v", v="-x"), r"model\.modes\.free\.a: the name 'a'"),
+        (laws(a="v", v="-x"), r"modes\.free\.a: the name 'a', which is a parameter or a"),
+        (laws(t="v", v="-t"), r"modes\.free\.t: the name 't', which is the time; give a name"),
+        (laws(sin="v", v="-sin"), r"the name 'sin', which is a function; give"),
         (laws(x="v", v="drive - c*v - x/(sigma - 0.5)"), r"free\.v: at c = 0\.1, sigma = 0\.5, "),
         (
             laws(x="v", v="drive - v - x*log(c - 1)"),
