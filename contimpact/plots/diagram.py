@@ -35,6 +35,7 @@ from ..storage import Content, write, write_all
 from ..systems.membrane import Membrane
 from .lines import (
     BAND,
+    BEYOND,
     CHOICES,
     DOTS,
     FORMULAS,
@@ -200,7 +201,8 @@ def plot_diagram(
     ax.set_ylabel(ordinate_label(diagram, y, names))
     if ax.get_yscale() == "linear":  # narrow numbers: the room is fixed
         ax.ticklabel_format(axis="y", scilimits=(-2, 4), useMathText=True)
-    ax.yaxis.get_offset_text().set_horizontalalignment("right")
+    power, width = ax.yaxis.get_offset_text(), ax.get_window_extent().width
+    power.set(ha="right", x=-BEYOND * ax.figure.dpi / 72.0 / width)  # where no label of an event is
     styles = [style for _, style, _, values, _ in pieces if np.sum(np.isfinite(values)) > 1]
     handles = legend_handles(colours, styles, drawn, left_out)
     if shaded:

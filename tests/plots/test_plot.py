@@ -337,6 +337,26 @@ def test_labels_stand_over_their_value_and_apart(fig7, enlarged):
             assert not box.overlaps(other)
 
 
+def test_labels_leave_room_for_the_power_of_ten_of_the_ordinate():
+    """It stood on labels, and on their leaders, that reach beyond the frame to the left."""
+    values = {"a": 1, "omega": 1.7, "c": 0.1, "k": 0, "sigma": 0.47, "r": 0.7}
+    scene = {
+        "name": "small",
+        "model": {"system": "two-stops", "parameters": values},
+        "follow": {"parameter": "sigma", "range": [0.46, 0.5], "orbits": ["RL"]},
+        "output": {"small": "x**2/50"},
+    }
+    ax = plot_diagram(follow(read_scene(scene)), y="small", xlim=(0.4686, 0.5))
+    ax.figure.canvas.draw()
+    power = ax.yaxis.get_offset_text()
+    assert "{10^" in power.get_text()
+    taken = power.get_window_extent()
+    events = [Text.get_window_extent(text) for text in labels(ax)]
+    assert min(box.x0 for box in events) < ax.bbox.x0
+    assert not any(box.overlaps(taken) for box in events)
+    assert taken.x0 > 0.0
+
+
 def test_labels_can_be_left_out(fig7):
     ax = plot_diagram(fig7, labels=False)
     assert labels_of(ax) == []
