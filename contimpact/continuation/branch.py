@@ -305,13 +305,16 @@ NAMED = 6
 
 def missed_texts(parameter: str, missed: Iterable[MissedEvent]) -> list[str]:
     """Return what is said of events that could not be located; what is the same at several places
-    of the orbit is said once, with their number."""
-    places: dict[tuple[str, str], list[str]] = {}
+    of the orbit is said once, with their number, and what is the same of several kinds."""
+    places: dict[tuple[str, str, str], list[str]] = {}
     for one in missed:
         low, high = one.parameters
-        head = f"{one.kind} between {parameter} = {low:.12g} and {high:.12g}"
-        places.setdefault((head, one.reason), []).append(one.place)
-    return [f"{head}{_several(where)}: {reason}" for (head, reason), where in places.items()]
+        head = f"between {parameter} = {low:.12g} and {high:.12g}"
+        places.setdefault((one.kind, head, one.reason), []).append(one.place)
+    kinds: dict[str, list[str]] = {}
+    for (kind, head, reason), where in places.items():
+        kinds.setdefault(f"{head}{_several(where)}: {reason}", []).append(kind)
+    return [f"{', '.join(each)} {text}" for text, each in kinds.items()]
 
 
 def _several(places: Sequence[str]) -> str:

@@ -323,6 +323,10 @@ MOST_CUTS = 200
 """How often an arc is cut in all."""
 
 UNRESOLVED = "two zeros close to each other are not excluded; a smaller max_step may tell"
+STEP_TOO_LARGE = (
+    "the step is too large: no orbit was found on the way between its points, where two zeros "
+    "close to each other are not excluded; try a smaller max_step"
+)
 
 
 def find_events(
@@ -377,7 +381,7 @@ class _Search:
         if not found.any():
             self.locate_on(arc, stretch)
             return
-        worth = np.where(depth < DEEPEST[found], found, 0)
+        reason, worth = UNRESOLVED, np.where(depth < DEEPEST[found], found, 0)
         if np.any(worth) and self.cuts < MOST_CUTS:
             middle = arc.at(float(places[np.argmax(worth)]))
             ends = stretch.left.arclength, stretch.right.arclength
@@ -385,9 +389,10 @@ class _Search:
             if middle is not None and inside and not abs(middle.orientation) < self.least:
                 self.cut(arc, stretch, middle, depth + 1)
                 return
+            reason = STEP_TOO_LARGE if middle is None else UNRESOLVED
         self.locate_on(arc, stretch)
         if np.any(found == DIPS):
-            self.give_up(arc, stretch)
+            self.give_up(arc, stretch, reason)
 
     def suspected(self, stretch: Stretch) -> tuple[Array, Array]:
         """Where more crossings are not excluded, and not within rounding."""
@@ -448,11 +453,12 @@ class _Search:
         elif event is not None and test.accept(event):
             self.events.append(event)
 
-    def give_up(self, arc: Arc, stretch: Stretch) -> None:
-        """Record where two zeros were not excluded however often the arc was cut."""
+    def give_up(self, arc: Arc, stretch: Stretch, reason: str) -> None:
+        """Record where two zeros were not excluded however often the arc was cut, or why it was
+        not."""
         # beside a jump of the function, what lies beyond it says nothing
         found = np.minimum(*(self.suspected(side)[0] for side in stretch.one_sided()))
         for place in np.nonzero(found == DIPS)[0].tolist():
             number = bisect.bisect_right(self.ends, place)
             test, index = self.tests[number], place - self.ends[number] + self.sizes[number]
-            self.missed.append(missed_event(test.kind, arc, UNRESOLVED, test.place_on_orbit(index)))
+            self.missed.append(missed_event(test.kind, arc, reason, test.place_on_orbit(index)))

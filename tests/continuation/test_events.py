@@ -23,7 +23,7 @@ from contimpact.continuation.branch import (
     missed_texts,
 )
 from contimpact.continuation.corrector import Arc, point_after
-from contimpact.continuation.events import find_events
+from contimpact.continuation.events import STEP_TOO_LARGE, find_events
 from contimpact.continuation.settings import Settings
 from contimpact.continuation.sign_changes import (
     DIPS,
@@ -215,12 +215,34 @@ def test_what_may_be_missing_at_several_places_is_said_once():
     here = [MissedEvent("G", (0.25, 0.5), "why", place=f"flight {k}") for k in range(1, 9)]
     other = MissedEvent("G", (0.5, 0.75), "why", place="flight 1")
     twins = [MissedEvent("FB", (0.25, 0.5), "why")] * 2
-    assert missed_texts("s", [*here, other, *twins]) == [
+    more = MissedEvent("PD", (0.25, 0.5), "why"), MissedEvent("NS", (0.25, 0.5), "why")
+    assert missed_texts("s", [*here, other, *twins, *more]) == [
         "G between s = 0.25 and 0.5, at 8 places (flight 1, flight 2, flight 3, flight 4, "
         "flight 5, flight 6, ...): why",
         "G between s = 0.5 and 0.75: why",
         "FB between s = 0.25 and 0.5, at 2 places: why",
+        "PD, NS between s = 0.25 and 0.5: why",
     ]
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_a_step_across_which_no_orbit_is_found_is_too_large(known):
+    """A dip is looked into where the arc can be cut; this one cannot be."""
+    nothing = 0.2, (0.8 if not known else 0.2)
+    line = Curve(
+        lambda x, p: x - 2.0 * p if not nothing[0] < p < nothing[1] else math.nan,
+        lambda x, p: [1.0, -2.0],
+    )
+    arc = arc_of(line, [0.0, 0.0], [2.0, 1.0])
+    test = user(lambda p: (p.parameter - 0.5) ** 2 - 0.15)
+    length = arc.right.arclength - arc.left.arclength
+    beside = (arc.left.arclength - length, 2.1), (arc.right.arclength + length, 2.1)
+    before, after = (Sample.of(at, [np.array([value])]) for at, value in beside)
+    ends = (Sample.of(p.arclength, [test.values(p)]) for p in (arc.left, arc.right))
+    events, missed = find_events([test], arc, Stretch(*ends, before, after))
+    zeros = [0.5 - math.sqrt(0.15), 0.5 + math.sqrt(0.15)]
+    assert [event.point.parameter for event in events] == pytest.approx(zeros if known else [])
+    assert [one.reason for one in missed] == ([] if known else [STEP_TOO_LARGE])
 
 
 # Location by bracketing
