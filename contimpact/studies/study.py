@@ -365,8 +365,6 @@ class Study(NotebookResult):
     name, source : str
     given : mapping
         The study file.
-    file : StudyFile
-        The same, read and validated.
     axes : tuple of str
         The parameters that differ between scenes.
     parameter : str
