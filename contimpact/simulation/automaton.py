@@ -113,8 +113,7 @@ class Automaton:
         positions: Sequence[float],
         longest: int,
     ) -> None:
-        self.model, self.kernels, self.guards = model, kernels, model.WALLS
-        self.size = model.DEGREES_OF_FREEDOM
+        self.kernels, self.guards, self.size = kernels, model.WALLS, model.DEGREES_OF_FREEDOM
         self.values, self.positions = tuple(model.values.values()), tuple(positions)
         self.period, self.longest = period, longest
         self.passages = kernels.passages
@@ -161,14 +160,16 @@ class Automaton:
         """Return a wall as something to rest against."""
         before, after = self._low(wall)
         guard, row = self.guards[wall], self.rows[wall]
-        change = np.where(self.has_inertia(wall), before - after, 0.0)
-        change += self._rates(wall)[:, self.size :] @ change
+        change, inertia = before - after, self.has_inertia(wall)
+        if not inertia.all():
+            change = np.where(inertia, change, 0.0)
+            change += self._rates(wall)[:, self.size :] @ change
         return Contact(wall, guard.side, self.positions[wall], row, change / (row @ change))
 
     def has_inertia(self, wall: int) -> Array:
         """Return which coordinates are of second order in the mode after a guard."""
         mode = self.guards[wall].next_mode
-        return np.array(orders_of(self.model.MODES, mode, self.size)) == 2
+        return np.array(orders_of(self.kernels.model.MODES, mode, self.size)) == 2
 
     def _rates(self, wall: int) -> Array:
         """The factors of positions and velocities in the velocities of the other coordinates."""

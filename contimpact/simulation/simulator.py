@@ -599,11 +599,8 @@ def state_after(
 def _fixed_point(motion: LinearMotion, simulator: Simulator, mode: str) -> tuple[float, ...] | None:
     """Where the affine map over a period leads back to, if it contracts: a map of the state, which
     has no velocities of coordinates of first order."""
-    d, period, machine = (
-        motion.shape.freedom,
-        simulator.period,
-        cast("Automaton", simulator.machine),
-    )
+    d, period = motion.shape.freedom, simulator.period
+    machine = cast("Automaton", simulator.machine)
     wall = wall_into(simulator.model, mode)
     state = np.flatnonzero(np.concatenate([np.ones(d), machine.has_inertia(wall)]))
 

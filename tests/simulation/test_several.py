@@ -47,6 +47,13 @@ def sticking():
     return simulator, settle(simulator, start, QUICK)
 
 
+def test_rates_of_coordinates_without_inertia_are_asked_for_where_there_are_such(sticking):
+    simulator, _ = sticking
+    known = simulator.kernels.loaded + simulator.kernels.generated
+    assert any(name.startswith("law_") for name in known)
+    assert not any(name.startswith("rates_") for name in known)
+
+
 SLOW = pytest.mark.slow
 ORBITS = [
     pytest.param(masses(), "A", marks=SLOW),
