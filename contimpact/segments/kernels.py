@@ -191,6 +191,7 @@ class Kernels:
             return alone._replace(bends=bends)
         return found._replace(onto=onto, begins=begins, at_rest=at_rest, bends=bends)
 
+    @_known
     def may_leave_at_once(self, walls: str) -> bool:
         """Whether a flight of a word may begin or end beyond a guard of its mode, or begin on its
         surface so that the impact's velocity does not tell on which side."""
