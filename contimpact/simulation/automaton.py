@@ -419,7 +419,7 @@ class Automaton:
                 origin = self.positions[from_wall]
             if self.passages.leaving[from_wall]:
                 rising = self.passages.leaving[from_wall] < 0.0
-            if speed == 0.0 or not own:
+            if abs(speed) <= window.rounding(self.guards[numbers[0]]) or not own:
                 breaks = [t for t in breaks if t > NUDGE * self.period]
         times = [*(t for t in breaks if 0.0 < t < window.length), window.length]
         around = low - origin, high - origin

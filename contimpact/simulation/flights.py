@@ -498,6 +498,10 @@ class TrackWindow:
         row = guard.row(len(x))
         return float(x @ row), float(v @ row)
 
+    def rounding(self, guard: Guard) -> float:
+        """Return the rounding error of a gap coordinate's velocity at the window's beginning."""
+        return REPEATED * float(np.abs(guard.row(self.moving.shape[1])) @ np.abs(self.moving[1]))
+
     def section(self, guard: Guard, dt: float, speed: float) -> tuple[float, ...]:
         """Return the section coordinates at a guard, from the gap coordinate's velocity there."""
         x, v = self.at(dt).tolist()
@@ -683,6 +687,10 @@ class KernelWindow:
         own, kernel = self._kernel(guard)
         x, v, _ = kernel(self.start.phase, *self.start.section, self.begin, *self.values)
         return (self.position if own else 0.0) + float(x), float(v)
+
+    def rounding(self, guard: Guard) -> float:
+        """None is known."""
+        return 0.0
 
     def bounds(self, guard: Guard) -> tuple[float, float]:
         """None are known."""
