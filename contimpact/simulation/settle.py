@@ -22,6 +22,7 @@ from ..arrays import Array
 from ..errors import InputError, explain_arguments
 from ..models.guards import Word, orders_of, state_before
 from ..models.model import Model, require_forcing
+from ..orbits.quiet import problem_of
 from ..results.options import SETTLING, Settling
 from ..segments.bounded import UNIT, bounds_of
 from ..segments.flight import FlightGaps, flight_gaps
@@ -555,6 +556,10 @@ def _smallest_gap(simulator: Simulator, word: str, cycle: Cycle) -> float:
         impacts, touches = np.column_stack([impacts, cycle.others]), interior_touches
     span = cycle.period * simulator.period
     flights = touches(simulator.kernels, word, simulator.values, impacts, span)
+    return _smallest_of(flights)
+
+
+def _smallest_of(flights: Sequence[FlightGaps]) -> float:
     gaps = [t.gap for flight in flights for t in flight.touches if t is not None]
     return min(gaps, default=math.nan)
 
@@ -709,9 +714,14 @@ def without_impact(
         raise InputError("mode", f"no mode {mode!r}", f"the modes are {', '.join(modes)}")
     kind = Kind.NO_IMPACT
     named = f"{kind.value} ({mode})" if mode in modes[1:] else kind.value
-    motion = free_motion(simulator, mode, left)
-    known = simulator.parameters
-    return Attractor(kind, known, named, simulator.period, mode=mode, motion=motion)
+    motion, gap = free_motion(simulator, mode, left), math.nan
+    if motion is not None and mode == simulator.model.first_mode:
+        model, kernels = simulator.model, simulator.kernels
+        free = [model.values[name] for name in kernels.parameters]
+        flights = problem_of(model, Word("", 1), kernels).gaps(np.append(motion, free))
+        gap = _smallest_of(flights)
+    about = kind, simulator.parameters, named, simulator.period
+    return Attractor(*about, mode=mode, motion=motion, smallest_gap=gap)
 
 
 def settle_again(

@@ -318,7 +318,7 @@ def _kind(before: Row, after: Row, earlier: Row | None) -> tuple[str | None, str
         grazes = other.period is not None and slowest < CLOSE * one.fastest
         seen = f"complex motion with impacts as slow as {slowest:.2g}"
         return ("TG" if grazes else None), seen
-    if one.kind is not Kind.PERIODIC:
+    if one.kind is not Kind.PERIODIC and not math.isfinite(one.smallest_gap):
         return None, f"{one.kind.value}: it has neither multipliers nor a gap that could vanish"
     critical = _critical(before, after, earlier)
     seen = critical.told if critical else "no multiplier near 1 or -1, no flight near to a wall"
@@ -355,7 +355,7 @@ class Critical:
 
 
 def _critical(before: Row, after: Row, earlier: Row | None) -> Critical | None:
-    """Which quantity of a periodic attractor is critical where it ends.
+    """Which quantity of a periodic attractor, or of one without impacts, is critical at its end.
 
     Beside a doubling 1 + mu is linear in the parameter, beside a fold (1 - mu)^2, beside a grazing
     the gap, or the velocity of the impact that is lost. The quantity whose line vanishes nearest
@@ -382,7 +382,7 @@ def _critical(before: Row, after: Row, earlier: Row | None) -> Critical | None:
 def _quantities(attractor: Attractor) -> dict[tuple[str, str], float]:
     """Quantities that vanish where an attractor ends, by the kind and what they are."""
     multiplier = _multiplier(attractor)
-    size = attractor.fastest if attractor.velocities.size else 1.0
+    size = attractor.fastest or float(np.max(np.abs(attractor.motion or 1.0)))
     gap = attractor.smallest_gap / size
     return {
         ("PD", "1 + mu"): abs(1.0 + multiplier),
@@ -619,15 +619,16 @@ def _bounds(
 def _is_related(entry: Entry, transition: Transition) -> bool:
     """Whether an entry is of the orbits beside a transition, or of one they have multiplied."""
     kinds = _KINDS.get(transition.kind or "")
+    sides = (transition.before, transition.after)
+    freed = any(side.kind == Kind.NO_IMPACT.value for side in sides)
     if entry.crisis is not None:
         return False
-    if kinds is not None and entry.kind not in kinds:
+    if kinds is not None and entry.kind not in kinds and not (freed and entry.kind in _NAMED):
         return False
-    sides = (transition.before, transition.after)
     periodic = [s for s in sides if s.word is not None and s.period is not None]
     if not periodic:
         return False
-    if entry.kind == "G" and not entry.word and any(s.kind == Kind.NO_IMPACT.value for s in sides):
+    if entry.kind == "G" and not entry.word and freed:
         return True
     return any(_repeats(s.word or "", s.period or 1, entry) for s in periodic) or (
         entry.becomes is not None

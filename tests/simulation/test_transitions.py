@@ -358,22 +358,25 @@ def test_a_jump_to_another_motion_of_the_same_name_is_a_transition():
 
 
 def test_changes_from_and_to_no_impacts_are_named_by_the_event_that_lies_there():
-    """They had no name, though the branches had the event; without branches they have none."""
+    """They had no name, though the branches had the event. Motion without impacts shows its gap, so
+    that its end has one without branches, too."""
     stop = load_scene(ROOT / "branches" / "stop" / "scene.toml")
     short = dataclasses.replace(stop, model=stop.model.replace(a=0.175), range=(0.05, 0.3))
     diagram = follow(short)
-    for values, label, kind in (
-        ([0.09, 0.095, 0.11], "G[no impact->1]", "V"),
-        ([0.11, 0.095, 0.09], "FB[1->no impact]", "FB"),
+    for values, label, kind, alone in (
+        ([0.09, 0.095, 0.11], "G[no impact->1]", "V", "G"),
+        ([0.11, 0.095, 0.09], "FB[1->no impact]", "FB", None),
     ):
         found = sweep(stop.model, "a", values, settling=QUICK)
+        for row in (row for row in found.rows if row.attractor.label == "no impact"):
+            assert row.attractor.smallest_gap == pytest.approx(1.0 - 10.0 * row.value, abs=1e-12)
         (change,) = find_transitions(found, 1e-5, settling=QUICK, diagram=diagram)
         (entry,) = (e for e in diagram.entries if e.kind == kind)
         assert (change.label, change.kind) == (label, label.split("[")[0])
         assert [one.entry for one in change.explanations] == [entry.id]
         assert not any("no name" in line for line in change.lines("a"))
         (change,) = find_transitions(found, 1e-5, settling=QUICK)
-        assert change.kind is None
+        assert change.kind == alone
 
 
 @pytest.mark.full
