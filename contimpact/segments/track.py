@@ -107,6 +107,10 @@ MOST_PIECES = 200_000
 time."""
 
 
+DOUBLINGS = 6
+"""Pieces come in blocks of 64 at most: nothing grows beyond the range of floats in as many."""
+
+
 class TurnsError(InputError, OverflowError):
     """Motions of a law turn, or decay, too often to be followed."""
 
@@ -132,8 +136,14 @@ class Pieces:
         self.generator = generator_of(shape, numbers)
         self.count = max(1, math.ceil(turns_of(shape, self.generator, length)))
         self.piece = length / self.count
-        self.mean = mean_of(shape, self.generator, self.piece)
         self.step = self.generator * self.piece
+        doublings = min((self.count - 1).bit_length(), DOUBLINGS)
+        gains = [
+            dt * mean_of(shape, self.generator, dt)
+            for dt in (self.piece * 2.0**k for k in range(doublings + 1))
+        ]
+        self.gains, self.leap = gains[:-1], gains[-1]
+        """What states gain in 1, 2, 4, ... pieces."""
 
 
 class Track:
@@ -141,10 +151,13 @@ class Track:
 
     def __init__(self, pieces: Pieces, state: Sequence[float] | Array) -> None:
         self.pieces = pieces
-        states = [np.array(state, dtype=float)]
-        for _ in range(pieces.count - 1):
-            states.append(states[-1] + pieces.piece * (pieces.mean @ states[-1]))
-        step, term = pieces.step, np.array(states).T
+        block = np.array(state, dtype=float)[:, None]
+        for gain in pieces.gains:
+            block = np.hstack([block, block + gain @ block])
+        blocks = [block]
+        while len(blocks) * block.shape[1] < pieces.count:
+            blocks.append(blocks[-1] + pieces.leap @ blocks[-1])
+        step, term = pieces.step, np.hstack(blocks)[:, : pieces.count]
         terms = [term]
         for k in range(1, DEGREE + 1):
             term = (step @ term) / k

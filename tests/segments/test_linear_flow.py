@@ -130,8 +130,8 @@ def test_a_larger_force_gives_the_same_flight_in_larger_units():
     larger = numbers_of(K, C, large * np.array(PUSH), [1.3])
     found, other = (np.reshape(flow(2, 1, 0, 4.0, *g), (4, 2, 7)) for g in (numbers, larger))
     assert (found * scale).tolist() == other.tolist()
-    means = [Pieces(Shape(2, 1, 0), given, 4.0).mean for given in (numbers, larger)]
-    assert (means[0][:4] * scale).tolist() == means[1][:4].tolist()
+    gains = [Pieces(Shape(2, 1, 0), given, 4.0).gains[0] for given in (numbers, larger)]
+    assert (gains[0][:4] * scale).tolist() == gains[1][:4].tolist()
 
 
 def test_coordinates_coupled_one_way_have_units_of_their_own():
