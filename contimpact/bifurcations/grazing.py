@@ -225,7 +225,8 @@ class Grazing(OrbitTest):
         if "impact" in details:
             begun = onset_of(problem, details)
             at_rest = begun is not None and begun.on_surface and details["impact"] in here.resting
-            return not (at_rest or any(is_brief(problem, here.unknowns, k) for k in around))
+            beside = {*around, details["impact"]}
+            return not (at_rest or any(is_brief(problem, here.unknowns, k) for k in beside))
         from_rest = details["index"] >= len(self.places)
         if from_rest and any(is_brief(problem, here.unknowns, k) for k in around):
             return False

@@ -34,7 +34,7 @@ from ..orbits.search import solve_near
 from ..segments.bounded import bounds_of
 from ..segments.flight import Touch
 from ..segments.segment import ELSEWHERE, Segment
-from ..segments.touches import begins_on_surface, limits_of, margin
+from ..segments.touches import ROUNDING, begins_on_surface, limits_of, margin
 from .branch_point import directions_at
 from .extended_system import (
     Arrival,
@@ -86,6 +86,9 @@ class Beginning(Arrival):
 class SurfaceTangency(ExtendedSystem):
     """A flight begins on the surface of a guard of its mode, without a rate."""
 
+    row = 1
+    """That of the flight to the guard that vanishes; the position's is the first."""
+
     def __init__(self, problem: OrbitProblem, impact: int, wall: str) -> None:
         super().__init__(problem)
         self.segment = problem.kernels.segment(problem.word.walls[impact], wall)
@@ -100,22 +103,43 @@ class SurfaceTangency(ExtendedSystem):
         rows, leaving, arriving, free = self.segment.blocks(*self._ends(here), values)
         self.problem.kernel_evaluations += 1
         gradient = np.zeros(len(here.unknowns))
-        gradient[self.left] = np.reshape(leaving, (m, m))[1]
-        gradient[self.left.start] += np.reshape(arriving, (m, m))[1, 0]  # both times are one
-        gradient[n:] = np.reshape(free, (m, -1))[1]
+        gradient[self.left] = np.reshape(leaving, (m, m))[self.row]
+        gradient[n:] = np.reshape(free, (m, -1))[self.row]
+        self._arrive_later(gradient, here, np.reshape(arriving, (m, m))[self.row, 0])
         return SystemEvaluation(
-            np.append(here.residual, rows[1]), np.vstack([here.jacobian, gradient])
+            np.append(here.residual, rows[self.row]), np.vstack([here.jacobian, gradient])
         )
+
+    def _arrive_later(self, gradient: Array, here: Linearisation, rate: float) -> None:
+        """Add what depends on the time at which the flight ends: that at which it begins."""
+        gradient[self.left.start] += rate
 
     def rounding(self, here: Linearisation, own: Array) -> Array:
         values = self.problem.values(here.unknowns)
         bounds = bounds_of(self.segment, *self._ends(here), values)[1][0]
-        return np.append(rounding(here).residual, bounds[1])
+        return np.append(rounding(here).residual, bounds[self.row])
 
     def _ends(self, here: Linearisation) -> tuple[list[float], list[float]]:
         """The unknowns at both ends of a flight of no duration, whose second row is the rate."""
         left = here.unknowns[self.left].tolist()
         return left, [left[0], *[0.0] * (self.problem.m - 1)]
+
+
+class EndOnGuard(SurfaceTangency):
+    """A flight ends on a guard of the mode that it leaves, when it meets another."""
+
+    row = 0
+
+    def _arrive_later(self, gradient: Array, here: Linearisation, rate: float) -> None:
+        n = self.problem.n
+        gradient[self.left.stop % n] += rate
+        if self.left.stop == n:
+            gradient[n:] += rate * np.array(self.problem.drifts(here.unknowns))
+
+    def _ends(self, here: Linearisation) -> tuple[list[float], list[float]]:
+        left = here.unknowns[self.left].tolist()
+        _, end = self.problem.times_around(here.unknowns, self.left.start // self.problem.m)
+        return left, [end, *[0.0] * (self.problem.m - 1)]
 
 
 def arrival_unknowns(
@@ -171,6 +195,8 @@ def sliding_kind_of_touch(problem: OrbitProblem, details: Details) -> str | None
     model = problem.model
     if "impact" in details:
         guard = guard_at(problem, details["impact"])
+        if isinstance(onset_of(problem, details), Corner):
+            return None
         if guard.past:
             return CROSSING
         begun = guard.name, details["wall"]
@@ -451,13 +477,56 @@ def interrupted_sliding_start(problem: OrbitProblem, unknowns: Array, flight: in
     return start if lasts(along) > 0.0 else start.reversed()
 
 
+@dataclass(frozen=True)
+class Corner(SlidingOnset):
+    """An impact before which the motion is within another guard of its mode, or beyond: where both
+    are met at once. The mode after the impact does not have the other one."""
+
+    on_surface = False
+
+    def margin(self, unknowns: Array) -> float:
+        problem, flight = self.problem, (self.impact - 1) % len(self.problem.word)
+        values, (start, end) = problem.values(unknowns), problem.times_around(unknowns, flight)
+        letter, leave = problem.leaving(unknowns, flight)
+        end = float(problem.kernels.gap(letter, self.limit)(*leave, end - start, *values)[0])
+        position = problem.kernels.setup(*values).walls[problem.model.letters.index(self.limit)]
+        gap = position - end
+        rounded = abs(gap) <= ROUNDING * (abs(end) + abs(position))
+        return math.nan if rounded else problem.model.guard(self.limit).side * gap
+
+    def equations(self) -> ExtendedSystem:
+        return EndOnGuard(self.problem, (self.impact - 1) % len(self.problem.word), self.limit)
+
+    def details(self, unknowns: Array) -> Details:
+        flight = (self.impact - 1) % len(self.problem.word)
+        end = float(self.problem.times_around(unknowns, flight)[1])
+        return {"flight": flight, "impact": self.impact, "wall": self.limit, "touch_time": end}
+
+    def tangency(self, unknowns: Array) -> float:
+        return math.nan
+
+    def next_word(self) -> None:
+        """The guard that is met first leads to a mode of its own."""
+
+    def born(self, unknowns: Array) -> None:
+        """Nothing is known to start there."""
+
+
 def onsets_of_word(problem: OrbitProblem) -> Sequence[SlidingOnset]:
     """Return all of a word."""
-    return [
-        SlidingOnset(problem, k, *limit)
-        for k, letter in enumerate(problem.word.walls)
-        for limit in limits_of(problem.kernels, letter)
-    ]
+    kernels, guards = problem.kernels, problem.model.WALLS
+    size = problem.model.DEGREES_OF_FREEDOM
+    found = []
+    for k, letter in enumerate(problem.word.walls):
+        before, place = problem.word.walls[k - 1], problem.model.letters.index(letter)
+        watched = kernels.passages.watched[problem.model.letters.index(before)]
+        found += [SlidingOnset(problem, k, *limit) for limit in limits_of(kernels, letter)]
+        found += [
+            Corner(problem, k, before, guards[other].name, 1.0)
+            for other in kernels.guards_behind(place)
+            if watched[other] and not are_parallel(guards[other].row(size), guards[place].row(size))
+        ]
+    return found
 
 
 def onset_of(problem: OrbitProblem, details: Details) -> SlidingOnset | None:
