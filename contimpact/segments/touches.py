@@ -84,7 +84,7 @@ def margin(
     those of the parameters and of the guards.
 
     Not a number where that is rounding, as it is along all of a branch where sliding ends, and
-    where the impact changes the rate of the gap, but the gap is not smallest there.
+    where the impact changes the rate of the gap alone, but the gap is not smallest there.
     """
     places = kernels.model.letters
     left, met = places.index(begun), places.index(limit)
@@ -92,10 +92,13 @@ def margin(
     gap = positions[met] - begin
     if met in kernels.passages.bending(left):
         guards, size = kernels.model.WALLS, kernels.model.DEGREES_OF_FREEDOM
-        _, speeds = state_before(guards[left].row(size), positions[left], leave[1:])
-        before = sum(c * v for c, v in zip(guards[met].row(size), speeds, strict=True))
+        state = state_before(guards[left].row(size), positions[left], leave[1:])
+        place, before = (
+            sum(c * x for c, x in zip(guards[met].row(size), part, strict=True)) for part in state
+        )
         side, least = guards[met].side, ROUNDING * (abs(begin) + abs(positions[met]))
-        if not (side * before > 0.0 > side * rate and abs(gap) > least):
+        smallest = side * before > 0.0 > side * rate and abs(gap) > least
+        if abs(begin - place) <= least and not smallest:
             return math.nan
     if begins_on_surface(kernels, begun, limit):
         least = AT_REST * abs(curvature) * kernels.setup(*values).period

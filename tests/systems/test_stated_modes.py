@@ -610,3 +610,35 @@ def test_a_guard_on_a_velocity():
     for orbit in orbits:
         ((time, force, x, *_),) = orbit.problem.impacts(orbit.unknowns)
         assert force == pytest.approx(math.cos(1.2 * time) - 0.1 * 0.5 - x, abs=1e-12)
+
+
+def counter():
+    """y falls, and rises where a clock's tick finds it below the level."""
+    tick = {"mode": ["down", "up"], "within": "c <= 1", "set": {"c": 0}}
+    table = {
+        "name": "counter",
+        "model": {
+            "system": "hybrid",
+            "period": 1,
+            "parameters": {"level": 1.0, "top": 9.0},
+            "modes": {"down": {"y": "-1", "c": "1"}, "up": {"y": "1", "c": "1"}},
+            "guards": {
+                "P": {"mode": "down", "within": "y + 2*c >= level", "to": "up"},
+                "D": {"mode": "up", "within": "y <= top", "to": "down"},
+                "K": tick | {"to": "down"},
+                "L": tick | {"to": "up", "past": "P"},
+            },
+        },
+        "follow": {"parameter": "level", "range": [0.5, 2.0], "orbits": ["KL"]},
+    }
+    return ci.Simulator(read_scene(table).model)
+
+
+def test_where_two_resets_part_the_gap_that_they_move_tells():
+    """From y = 2.5: 1.5 and 0.5 at the next ticks, then 1.5 and 0.5 in turn; P is not met between.
+    L was never taken, since the resets change the rate of P's gap coordinate, too."""
+    simulator = counter()
+    run = simulator.run(simulator.start(0.0, [2.5, 0.0], [0.0, 0.0], "down"), impacts=6)
+    assert (run.word, run.outcome) == ("LKLKLK", Outcome.DONE)
+    assert run.turns + run.phases == pytest.approx([2.0, 3.0, 4.0, 5.0, 6.0, 7.0], abs=1e-12)
+    assert run.others[:, 0] == pytest.approx([0.5, 1.5] * 3, abs=1e-12)
