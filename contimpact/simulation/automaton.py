@@ -71,8 +71,9 @@ from .run import (
 )
 
 TRIES = 10_000
-PASSING = 100
-"""Trials after which a flight that passes a guard at once is taken."""
+PASSING, VAIN = 100, 1000
+"""Trials after which the range of positions grows if flights pass a guard at once, and after which
+such a flight is taken."""
 GROWTH = 1.01
 """Factor by which the range of positions grows with each trial that lies beyond a guard."""
 
@@ -561,10 +562,11 @@ class Automaton:
             velocity = side * float(generator.uniform(0.0, speed))
             section = (velocity, *others.tolist())
             state = State(wall, phase, velocity, others=section[1:])
-            if not self._is_within_guards(wall, section):
-                reach *= GROWTH
-            elif attempt >= PASSING or self._begins(state):
+            within = self._is_within_guards(wall, section)
+            if within and (attempt >= VAIN or self._begins(state)):
                 break
+            if not within or attempt >= PASSING:
+                reach *= GROWTH
         return state
 
     def _begins(self, state: State) -> bool:
@@ -579,15 +581,16 @@ class Automaton:
             return False
 
     def _is_within_guards(self, wall: int, section: tuple[float, ...]) -> bool:
-        """Whether a state before an impact is within the other guards of its mode."""
-        x, own = np.array(self.before(wall, section)[0]), set(self.guards[wall].modes)
-        return all(
-            guard.side * (place - row @ x) >= 0.0
+        """Whether a state before an impact is within the other guards of a mode that it ends."""
+        x = np.array(self.before(wall, section)[0])
+        beyond = [
+            guard
             for k, (guard, row, place) in enumerate(
                 zip(self.guards, self.rows, self.positions, strict=True)
             )
-            if k != wall and own & set(guard.modes)
-        )
+            if k != wall and not guard.side * (place - row @ x) >= 0.0
+        ]
+        return any(all(m not in g.modes for g in beyond) for m in self.guards[wall].modes)
 
     def path(self, states: Sequence[State], times: Array, points: int) -> Piece:
         """Return the gap coordinate of every guard from state to state, and their velocities.

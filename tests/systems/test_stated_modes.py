@@ -642,3 +642,11 @@ def test_where_two_resets_part_the_gap_that_they_move_tells():
     assert (run.word, run.outcome) == ("LKLKLK", Outcome.DONE)
     assert run.turns + run.phases == pytest.approx([2.0, 3.0, 4.0, 5.0, 6.0, 7.0], abs=1e-12)
     assert run.others[:, 0] == pytest.approx([0.5, 1.5] * 3, abs=1e-12)
+
+
+def test_a_guard_of_several_modes_is_within_the_guards_of_one_of_them():
+    """A tick that begins up may be above the level, and one that begins down above the top."""
+    simulator = counter()
+    starts = [simulator.random_state(seed) for seed in range(40)]
+    assert all(np.max(np.abs(start.others[::2])) < 100.0 for start in starts)
+    assert {simulator.run(start, impacts=50).outcome for start in starts} == {Outcome.DONE}
