@@ -564,7 +564,7 @@ def free_motion(
     if law is not None:
         return _fixed_point(law, simulator, mode)
     flow = _flow_of_section(simulator, mode)
-    affine = not simulator.kernels.integrated(simulator.letters[0])
+    affine = not simulator.kernels.integrated(SECTION)
     if flow is not None and mode == simulator.model.first_mode and affine:
         return _fixed_point_of(flow, simulator.period)
     if isinstance(left, State):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import math
 from copy import deepcopy
@@ -25,6 +26,7 @@ from contimpact.simulation.settle import settle_again
 from contimpact.simulation.simulator import state_after
 from contimpact.simulation.sweep import Row, Simulators, Sweep, cover, same_attractor
 from contimpact.simulation.transitions import find_transitions, locate
+from contimpact.systems.belt import Belt
 from contimpact.systems.duffing import Duffing
 from contimpact.systems.oscillator import Oscillator
 from contimpact.systems.soft_stop import SoftStop
@@ -403,3 +405,22 @@ def test_motion_of_several_coordinates_that_is_integrated_is_known(wall, mode, n
     assert np.ravel([place, velocity], "F") == pytest.approx(quarter[:, -1], abs=1e-8)
     matches = cover(Sweep(scene.model, "a", [Row("up", 0.1, found)]), follow_scene(scene)).matches
     assert len(matches) == (mode == "in")
+
+
+@pytest.mark.skipif(importlib.util.find_spec("heyoka") is None, reason="needs contimpact[ode]")
+def test_slip_by_a_nonlinear_law_is_known():
+    """The friction of a belt that is never met; its map was taken for a linear one."""
+    values = {"a": 0.1, "omega": 1.0, "c": 0.2, "V": 2.5, "mu_0": 1.0, "delta": 3.0}
+    model = Belt(friction="weakening", **values)
+    simulator = Simulator(model)
+    found = settle(simulator, simulator.random_state(0))
+
+    def law(t, state):
+        friction = values["mu_0"] / (1.0 - values["delta"] * (state[1] - values["V"]))
+        force = values["a"] * math.cos(values["omega"] * t)
+        return [state[1], force - values["c"] * state[1] - state[0] + friction]
+
+    given = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13}
+    place, speed = solve_ivp(law, (0.0, 200.0 * math.pi), [0.0, 0.0], **given).y[:, -1]
+    acceleration = law(0.0, [place, speed])[1]
+    assert found.motion == pytest.approx((speed - values["V"], acceleration), abs=1e-9)
