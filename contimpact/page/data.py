@@ -110,6 +110,8 @@ class SweepSeries:
     multipliers: Array
     """Real and imaginary parts of the two largest, not numbers where there are none, shape (n, 2,
     2)."""
+    periods: Array | None = None
+    """As of `Orbits`."""
 
     def __len__(self) -> int:
         return len(self.starts) - 1
@@ -168,12 +170,14 @@ def _join_rows(rows: Sequence[_Row], model: Model) -> SweepSeries:
     width = 1 + model.unknowns_per_impact
     table = np.array([impact for row in rows for impact in row.impacts]).reshape(-1, width)
     names = (*model.values, *model.DERIVED)
+    free = np.array([float(row.cells["period"] or "nan") for row in rows])
+    turns = 1 if model.autonomous else int(cells["period"]) if cells["period"] else None
     return SweepSeries(
         direction,
         kind,
         notation,
         word,
-        int(cells["period"]) if cells["period"] else None,
+        turns,
         {name: np.array([_number(row.cells[name]) for row in rows]) for name in names},
         np.cumsum([0, *(len(row.impacts) for row in rows)]),
         table[:, 1],
@@ -181,6 +185,7 @@ def _join_rows(rows: Sequence[_Row], model: Model) -> SweepSeries:
         table[:, 0],
         table[:, 1:],
         np.array([_multipliers(row.cells) for row in rows]),
+        free if model.autonomous else None,
     )
 
 
@@ -773,7 +778,7 @@ def _swept(found: SweepSeries, tracks: Tracks | None, every: int) -> dict[str, A
 def _cycles(found: SweepSeries) -> Orbits:
     impacts = found.sections.reshape(len(found), len(found.word), -1)
     parameters: Mapping[str, Array] = found.parameters
-    return Orbits(found.word, found.period or 1, parameters, impacts)
+    return Orbits(found.word, found.period or 1, parameters, impacts, found.periods)
 
 
 def _motion(motion: Motion, parameter: str, model: Model) -> dict[str, Any]:

@@ -97,8 +97,8 @@ def motion(
         times = attractor.times[-last:]
         columns = [column[-last:] for column in columns]
     else:
-        times_round = max(1, -(-periods // attractor.period))
-        span = attractor.period * attractor.forcing_period
+        span = attractor.duration
+        times_round = max(1, math.ceil(periods * simulator.period / span))
         rows = np.arange(len(attractor.walls) * times_round + 1)
         turns, places = np.divmod(rows, len(attractor.walls))
         times = attractor.times[places] + span * turns
@@ -118,12 +118,14 @@ def _quiet_motion(
 ) -> tuple[Any, Any, Any, Any]:
     """Return the same of a motion without impacts that has the forcing's period."""
     assert attractor.motion is not None
-    t = np.linspace(0.0, simulator.period, QUIET_POINTS)
+    span = attractor.span if attractor.span > 0.0 else simulator.period
+    t = np.linspace(0.0, span, QUIET_POINTS)
     states = (state_after(simulator, attractor.mode, attractor.motion, time) for time in t.tolist())
     x, v = np.array([*states]).transpose(1, 0, 2)
-    guards, turns = simulator.model.WALLS, max(1, periods)
+    guards = simulator.model.WALLS
+    turns = max(1, math.ceil(periods * simulator.period / span))
     rows = np.array([guards[k].row(x.shape[1]) for k in coordinates_of(simulator)]).T
-    times = np.concatenate([t + turn * simulator.period for turn in range(turns)])
+    times = np.concatenate([t + turn * span for turn in range(turns)])
     return times, np.tile(x @ rows, (turns, 1)), np.tile(v @ rows, (turns, 1)), []
 
 
@@ -214,19 +216,21 @@ def _orbit_styles(labels: Sequence[str]) -> list[dict[str, Any]]:
 
 
 def plot_series(simulator: Simulator, attractor: Attractor, ax: Any = None) -> Any:
-    """Draw position against time in forcing periods, with the walls and the touches."""
+    """Draw position against time, in forcing periods if there are any, with the walls and the
+    touches."""
     ax = ax or style.new_figure(5.2, 3.0).add_subplot()
     periods = 4 if attractor.period is not None or attractor.motion is not None else 0
     t, z, _, touches = motion(simulator, attractor, periods)
-    begin = np.floor(t[0] / simulator.period)
+    unit, name = (1.0, "$t$") if attractor.free else (simulator.period, "$t/T$")
+    begin = np.floor(t[0] / unit)
     for column, ink in _inks(simulator, INK_OF_PORTRAITS):
-        ax.plot(t / simulator.period - begin, z[:, column], color=ink, linewidth=1.1)
+        ax.plot(t / unit - begin, z[:, column], color=ink, linewidth=1.1)
     draw_walls(ax, simulator.positions, across=True)
     name_walls(ax, simulator.letters, simulator.positions, across=True)
     for time, wall, _ in touches:
-        ax.plot(time / simulator.period - begin, simulator.positions[wall], **TOUCH)
+        ax.plot(time / unit - begin, simulator.positions[wall], **TOUCH)
     ax.margins(x=0.01)
-    ax.set_xlabel("$t/T$")
+    ax.set_xlabel(name)
     ax.set_ylabel(names_of_gaps(simulator.model)[0])
     return ax
 
@@ -325,8 +329,8 @@ def _attractor_of(branch: Branch, orbit: Orbit, simulator: Simulator) -> Attract
     walls = np.array([simulator.letters.index(letter) for letter in branch.word])
     others, none = orbit.problem.impacts(orbit.unknowns)[:, 2:], np.zeros(len(walls), np.int64)
     table = (walls, orbit.times, orbit.velocities, none > 0, others, none)
-    T = simulator.period
-    return Attractor(Kind.PERIODIC, {}, branch.notation, T, branch.word, branch.period, *table)
+    what = branch.notation, simulator.period, branch.word, branch.period
+    return Attractor(Kind.PERIODIC, {}, *what, *table, span=orbit.period)
 
 
 MARKS: dict[str, dict[str, Any]] = {
@@ -549,7 +553,7 @@ def _legend(ax: Any, handles: Sequence[Any]) -> None:
 
 
 def plot_exponents(sweep: Sweep, ax: Any = None, *, x: str | None = None, unit: str = "") -> Any:
-    """Draw the largest Lyapunov exponent per forcing period.
+    """Draw the largest Lyapunov exponent per forcing period, without forcing per unit of time.
 
     Periodic motion is drawn open, complex motion filled with bars of one standard error; motion
     that sticks has no finite exponent and is marked at the lower edge, as is periodic motion whose
@@ -590,7 +594,8 @@ def plot_exponents(sweep: Sweep, ax: Any = None, *, x: str | None = None, unit: 
             ax.plot(places, [0.02] * len(places), transform=ax.get_xaxis_transform(), **mark)
             handles.append(style.legend_mark(label=name, **mark))
     ax.set_xlim(*_limits(sweep, x))
-    _label(ax, x, unit, "largest exponent per period")
+    per = "unit of time" if sweep.model.autonomous else "period"
+    _label(ax, x, unit, f"largest exponent per {per}")
     _legend(ax, handles)
     return ax
 

@@ -196,11 +196,15 @@ def orbit_at(
     at = model_at(branch, row, model)
     word = Word(branch.word, branch.period)
     problem = problem_of(at, word, kernels or Kernels(at, branch.parameter))
+    return _solve_orbit(problem, impacts_at(branch, row, problem), where)
+
+
+def impacts_at(branch: Branch, row: int, problem: OrbitProblem) -> Array:
+    """Return the impacts of a row of a branch, in the clock of the unknowns."""
     unknowns = [branch[name][row] for name in columns_of(branch.word, problem.m)]
     rows = np.reshape(unknowns, (-1, problem.m))
     period = branch[PERIOD][row] if PERIOD in branch.columns else None
-    rows = _closing_impacts(problem, rows, period, where)
-    return _solve_orbit(problem, rows, where)
+    return _closing_impacts(problem, rows, period, f"branch {branch.id}")
 
 
 def _closing_impacts(problem: OrbitProblem, rows: Array, period: float | None, where: str) -> Array:

@@ -10,7 +10,7 @@ from typing import Any
 from ..bifurcations.declarations import CURVES
 from ..continuation.settings import Settings, require_width
 from ..errors import InputError, require_known, short_repr
-from ..models.model import Model
+from ..models.model import Model, require_forcing
 from ..schema import Table, fit, key
 
 CURVE_SETTINGS = Settings(tolerance=1e-13, max_step=0.05, max_points=1000)
@@ -358,7 +358,16 @@ def _spacing(spacing: str, where: str, here: Any) -> str:
     return spacing
 
 
+def _of_forcing(asked: Any, where: str, here: Any) -> Any:
+    """What is counted in phases or periods of a forcing, if it is asked for."""
+    if asked and asked is not True:
+        require_forcing(here.scene.model, where, "it is counted in", "leave it out")
+    return asked
+
+
 def _crises(asked: bool, where: str, here: Any) -> bool:
+    if asked:
+        require_forcing(here.scene.model, where, "crises have a phase in", "leave it out")
     if asked and not here.branches:
         found = "true, but branches are not followed"
         accepted = "set simulate.branches = true: crises belong to unstable orbits on branches"
@@ -439,6 +448,7 @@ class SimulateOptions:
         "whether changes of the attractor are located and named; with a list, those from or to "
         "motion of these periods, as `[1, 2]`",
         accepted="true, false, or a list of periods such as [1, 2]",
+        check=_of_forcing,
     )
     width: float = key(
         PART,
@@ -452,7 +462,7 @@ class SimulateOptions:
         (), "values at which phase plane and time series are drawn", each=_value
     )
     basins: tuple[float, ...] = key(
-        (), "values at which basins of attraction are drawn", each=_value
+        (), "values at which basins of attraction are drawn", each=_value, check=_of_forcing
     )
     grid: int = key(40, "starts along each side of a basin's picture", least=2, most=LARGEST_GRID)
     losses: bool = key(False, "whether the energy that impacts take is computed")
@@ -467,6 +477,7 @@ class SimulateOptions:
         "values at which random starts are [counted](simulate.md#basin-fractions) by the motion "
         "that they lead to",
         each=_value,
+        check=_of_forcing,
     )
     fraction_starts: int = key(1000, "starts at each of these values", most=MOST_FRACTION_STARTS)
     refine: int = key(

@@ -456,12 +456,6 @@ def _written_outputs(outputs: Sequence[Output]) -> dict[str, Any]:
     }
 
 
-def _simulate(asked: SimulateOptions, where: str, here: Any) -> SimulateOptions:
-    accepted = "leave it out; Simulator computes single motions"
-    require_forcing(here.model, where, "attractors are told by", accepted)
-    return asked
-
-
 def _energy(asked: Membrane, where: str, here: Any) -> Membrane:
     if not here.model.MEMBRANES:
         found = f"the system {here.model.SYSTEM} has no membranes"
@@ -585,7 +579,7 @@ class Scene(ParameterItems):
         most=MOST_TRIES,
     )
     curves: CurveOptions | None = key(None)
-    simulate: SimulateOptions | None = key(None, check=_simulate)
+    simulate: SimulateOptions | None = key(None)
     """Options of ``contimpact simulate``; ``contimpact run`` sweeps by them for crises."""
     energy: Membrane | None = key(None, check=_energy)
     """Data from which output voltages are computed, if they are."""
@@ -786,7 +780,7 @@ def new_scene(name: str) -> str:
             "",
             *_model(name, kind, start),
             *_follow(start),
-            *_further(start, kind.AUTONOMOUS),
+            *_further(start),
         ]
     )
 
@@ -827,12 +821,8 @@ def _follow(start: Example) -> list[str]:
     ]
 
 
-def _further(start: Example, autonomous: bool) -> list[str]:
+def _further(start: Example) -> list[str]:
     name, low, high = start.second
-    simulation = [
-        _line("# [simulate]", "what motion settles on, by `contimpact simulate FILE -o DIR`"),
-        "# values = 51",
-    ]
     return [
         "[plot]",
         _line(*start.plot),
@@ -841,7 +831,9 @@ def _further(start: Example, autonomous: bool) -> list[str]:
         _line("# [curves]", "bifurcations in a second parameter"),
         f'# parameter = "{name}"',
         f"# range = [{low}, {high}]",
-        *([] if autonomous else ["", *simulation]),
+        "",
+        _line("# [simulate]", "what motion settles on, by `contimpact simulate FILE -o DIR`"),
+        "# values = 51",
     ]
 
 

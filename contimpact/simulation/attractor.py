@@ -62,7 +62,7 @@ class Attractor(ParameterItems, NotebookResult):
     """Walls of one period, its first rotation in the order of the walls, as ``BBT``; a sojourn on a
     wall, with the accumulation of impacts that leads to it, is written ``B*``."""
     period: int | None = None
-    """In forcing periods."""
+    """In forcing periods; 0 without forcing, where `span` is the time it takes."""
     walls: Array = field(default_factory=lambda: np.zeros(0, dtype=np.int8))
     times: Array = field(default_factory=lambda: np.zeros(0))
     velocities: Array = field(default_factory=lambda: np.zeros(0))
@@ -85,9 +85,9 @@ class Attractor(ParameterItems, NotebookResult):
     restitution: float = math.nan
     """Mean of ln r^2 over the impacts."""
     per_period: float = math.nan
-    """The largest exponent per forcing period."""
+    """The largest exponent per forcing period; without forcing per unit of time."""
     rate: float = math.nan
-    """Impacts per forcing period."""
+    """Impacts per forcing period; without forcing per unit of time."""
     smallest_gap: float = math.nan
     """Nearest to a wall that a flight comes without touching it; periodic motions only."""
     closing: float = math.nan
@@ -102,10 +102,15 @@ class Attractor(ParameterItems, NotebookResult):
     """Of a motion without impacts, the mode in which it continues; empty in systems of one mode."""
     motion: tuple[float, ...] | None = None
     """Of such a motion, if it settles on one of the forcing's period, position and velocity of each
-    coordinate at t = 0: the unknowns x0, v0, x1, v1, ... of an orbit of the word ``0``."""
+    coordinate at t = 0: the unknowns x0, v0, x1, v1, ... of an orbit of the word ``0``; without
+    forcing where x0 is largest, or where it rests."""
     exponent_sum: float | None = None
     """Of periodic motion the sum of all exponents, from determinants, also where they are not known
     one by one; None where it is that of `exponents`."""
+    span: float = math.nan
+    """Without forcing, the time that one period takes; 0 at rest."""
+    free: bool = False
+    """Whether there is no forcing, so that phases do not tell motions apart."""
     model: Model | None = field(default=None, compare=False)
     """Its system at these values; None if it was read from a file."""
 
@@ -120,10 +125,30 @@ class Attractor(ParameterItems, NotebookResult):
         return self.multipliers is not None and max(map(abs, self.multipliers)) < 1.0
 
     @property
+    def duration(self) -> float:
+        """The time that one period takes."""
+        return self.period * self.forcing_period if self.period else self.span
+
+    @property
+    def rests(self) -> bool:
+        """Whether it is at an equilibrium of a system without forcing."""
+        return self.free and self.span == 0.0
+
+    @property
+    def unknowns(self) -> Array:
+        """Of a motion without impacts the unknowns of an orbit of the word ``0``: without forcing
+        the period takes the place of v0."""
+        found = np.array(self.motion, dtype=float)
+        found[1] = self.span if self.free else found[1]
+        return found
+
+    @property
     def label(self) -> str:
         """What tells one kind of motion from another along a sweep."""
         if self.kind is Kind.NO_IMPACT:
             return self.notation
+        if self.free:
+            return self.word or self.kind.value
         return f"{self.word}/{self.period}T" if self.word else self.kind.value
 
     @property
@@ -144,6 +169,7 @@ class Attractor(ParameterItems, NotebookResult):
         """Return its kind and its impacts in short."""
         rows = [(row["wall"], row["time"], row["velocity"]) for row in self._impacts()]
         title = f"Attractor {self.notation}: {self.kind.value}"
+        title += f", period {self.span:.9g}" if self.span > 0.0 else ""
         notes = [", ".join(f"{name} = {value:.9g}" for name, value in self.parameters.items())]
         return Summary(title, ("wall", "time", "velocity before impact"), rows, notes)
 
@@ -202,7 +228,8 @@ class Attractor(ParameterItems, NotebookResult):
             raise InputError("attractor", f"found {self.label}", accepted)
         at = self.require_model(model)
         followed = parameter or next(iter(at.values))
-        unknowns = np.append(impact_table(self.times, self), at.values[followed])
+        times = self.times - self.span if self.free else self.times
+        unknowns = np.append(impact_table(times, self), at.values[followed])
         return orbit_with(at, (self.word, self.period), followed, unknowns)
 
     def as_record(self) -> dict[str, Any]:
@@ -236,7 +263,7 @@ class Attractor(ParameterItems, NotebookResult):
             raise ValueError(f"an attractor without {', '.join(lacking)}")
         walls, state = self.walls.tolist(), self.state
         width = model.unknowns_per_impact - 2
-        if len(self.exponents) not in (2, 2 + width):
+        if len(self.exponents) not in (2, 2 + width - int(self.free)):
             raise ValueError("another number of exponents")
         whole = (len(walls), width), (len(walls),)
         if width and walls and (self.others.shape, self.held.shape) != whole:
@@ -282,7 +309,8 @@ class Cycle:
     multipliers, the largest first, are those of the map over the period; of one degree of freedom
     both are zero if the body sticks. `closing` is by how much the last impact misses the first,
     `others` (N, n) the other section coordinates (n is zero for one degree of freedom), `held` the
-    walls held before each row, of several degrees of freedom.
+    walls held before each row, of several degrees of freedom. Without forcing the period is 0, and
+    takes the time `span`.
     """
 
     walls: Array
@@ -294,6 +322,11 @@ class Cycle:
     closing: float
     others: Array = field(default_factory=lambda: np.zeros((0, 0)))
     held: Array = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    span: float = math.nan
+
+    def duration(self, forcing_period: float) -> float:
+        """Return the time that its period takes."""
+        return self.period * forcing_period if self.period else self.span
 
     def state(self, forcing_period: float) -> State:
         """Return a state on the cycle: its fastest impact."""
@@ -312,7 +345,10 @@ class Cycle:
             State(wall, time, velocity, others=more).within(forcing_period)
             for wall, time, velocity, more in zip(*columns, strict=True)
         ]
-        return [*found, replace(found[0], turns=found[0].turns + self.period)]
+        if self.period:
+            return [*found, replace(found[0], turns=found[0].turns + self.period)]
+        end = replace(found[0], phase=found[0].phase + self.span)
+        return [*found, end.within(forcing_period)]
 
 
 # Motion that rests on a wall for a part of its period keeps its other coordinates, so that it need
@@ -323,11 +359,18 @@ NOTHING = 1e-14
 """Multipliers below this are zero where a wall is held: what it held is forgotten."""
 
 
+def map_derivatives(simulator: Simulator, states: Sequence[State]) -> Array:
+    """Return the derivatives of the map from each of some states to the next; without forcing of
+    the return map of sections, which no time enters."""
+    free = int(simulator.model.autonomous)
+    return np.asarray(simulator.derivatives(states))[:, free:, free:]
+
+
 def solve_cycle(simulator: Simulator, state: State, impacts: int, period: int) -> Cycle | None:
     """Solve for the cycle near a state by Newton's iteration on the simulated map.
 
-    The state is at an impact; the period is in forcing periods. None if the iteration leaves the
-    word or does not converge.
+    The state is at an impact; the period is in forcing periods, 0 without forcing. None if the
+    iteration leaves the word or does not converge.
     """
     best, word = math.inf, None
     for _ in range(12):
@@ -339,12 +382,13 @@ def solve_cycle(simulator: Simulator, state: State, impacts: int, period: int) -
         word = walls
         late = (end.turns - state.turns - period) * simulator.period + end.phase - state.phase
         miss = np.array([late, *np.subtract(end.section, state.section)])
-        size = float(np.max(np.abs(miss) / natural_sizes([state.section], simulator.period)))
+        sizes = natural_sizes([state.section], simulator.period, run.free)
+        size = float(np.max(np.abs(miss) / sizes))
         rows = [state, *run.states()]
         if size < CLOSED or (size >= 0.5 * best and size < ROUNDED):
             mus = _multipliers(simulator, rows)
-            return _cycle_of_states(run, rows[:-1], period, mus, size)
-        step = _newton_step(simulator.derivatives(rows), miss)
+            return _cycle_of_states(run, rows, period, mus, size)
+        step = _newton_step(map_derivatives(simulator, rows), miss)
         if size > 10.0 * best or step is None:
             return None
         best = min(best, size)
@@ -356,19 +400,22 @@ def solve_cycle(simulator: Simulator, state: State, impacts: int, period: int) -
     return None
 
 
-def natural_sizes(sections: Any, period: float) -> Array:
+def natural_sizes(sections: Any, period: float, free: bool = False) -> Array:
     """Of times and section coordinates, shape (N, m): the period, the largest velocity, and for
-    positions what it is in a wave of the forcing."""
+    positions what it is in a wave of the forcing. Times that are free are infinitely large, so that
+    motions that differ in them alone do not differ."""
     sections = np.asarray(sections)
     sizes = np.full(1 + sections.shape[1], np.max(np.abs(sections[:, ::2]), initial=0.0) or 1.0)
     sizes[::2] *= period / (2.0 * math.pi)
-    sizes[0] = period
+    sizes[0] = math.inf if free else period
     return sizes
 
 
 def _newton_step(derivatives: Array, miss: Array, times: int = 1) -> list[float] | None:
-    """Solve (M - I) step = -miss, with M the product of all derivatives, taken so many times."""
-    product = unit = np.eye(len(miss))
+    """Solve (M - I) step = -miss, with M the product of all derivatives, taken so many times; times
+    that these leave out stay as they are."""
+    product = unit = np.eye(derivatives.shape[1])
+    free = len(miss) - len(unit)
     if not np.all(np.isfinite(derivatives)):
         return None
     with np.errstate(over="ignore", invalid="ignore"):
@@ -376,10 +423,10 @@ def _newton_step(derivatives: Array, miss: Array, times: int = 1) -> list[float]
             product = derivative @ product
         product = np.linalg.matrix_power(product, times)
     try:
-        step = np.linalg.solve(product - unit, -miss)
+        step = np.linalg.solve(product - unit, -miss[free:])
     except np.linalg.LinAlgError:
         return None
-    return step.tolist() if np.all(np.isfinite(step)) else None
+    return [0.0] * free + step.tolist() if np.all(np.isfinite(step)) else None
 
 
 def _shortest_closed(simulator: Simulator, run: Run, impacts: int) -> Cycle | None:
@@ -388,7 +435,7 @@ def _shortest_closed(simulator: Simulator, run: Run, impacts: int) -> Cycle | No
     others = tuple(run.others[k].tolist()) if run.others.size else ()
     base = State(int(run.walls[k]), float(run.phases[k]), float(run.velocities[k]), others=others)
     turned = run.times[-1] - run.times[-1 - impacts]
-    cycle = solve_cycle(simulator, base, impacts, round(float(turned) / run.period))
+    cycle = solve_cycle(simulator, base, impacts, _periods_in(run, float(turned)))
     if cycle is None:
         return None
     parts = repetitions_of(cycle, simulator.period)
@@ -396,6 +443,11 @@ def _shortest_closed(simulator: Simulator, run: Run, impacts: int) -> Cycle | No
         return cycle
     state = cycle.state(simulator.period)
     return solve_cycle(simulator, state, impacts // parts, cycle.period // parts)
+
+
+def _periods_in(run: Run, time: float) -> int:
+    """Forcing periods in the time that a cycle takes; 0 without forcing."""
+    return 0 if run.free else round(time / run.period)
 
 
 LINEAR = 0.1
@@ -460,7 +512,7 @@ def cycle_near(
             continue
         if abs(cycle.multipliers[0]) < 1.0:
             return cycle, _distance(run, cycle)
-        derivatives = simulator.derivatives(cycle.rows(simulator.period))
+        derivatives = map_derivatives(simulator, cycle.rows(simulator.period))
         unstable[len(cycle.walls)] = Unstable(cycle, derivatives)
     return None
 
@@ -492,10 +544,8 @@ def sticking_cycle(simulator: Simulator, run: Run) -> tuple[Cycle, float] | None
         mus = tuple(mu if abs(mu) > NOTHING else 0j for mu in _multipliers(simulator, rows))
         if abs(mus[0]) < 1.0 and not rounding_fills(simulator, rows):
             miss = float(states_apart(table[[first]] - table[last], _sizes(run))[0])
-            period = rows[-1].turns - rows[0].turns
-            if abs(rows[-1].phase - rows[0].phase) > 0.5 * run.period:
-                period += 1 if rows[-1].phase > rows[0].phase else -1
-            return _cycle_of_states(run, rows[:-1], period, mus, miss), miss / (1.0 - abs(mus[0]))
+            period = _periods_in(run, rows[-1].since(rows[0], run.period))
+            return _cycle_of_states(run, rows, period, mus, miss), miss / (1.0 - abs(mus[0]))
     return None
 
 
@@ -518,7 +568,8 @@ def _cycle_of_releases(simulator: Simulator, run: Run) -> tuple[Cycle, float] | 
 def rounding_fills(simulator: Simulator, states: Sequence[State]) -> bool:
     """Return whether rounding grows to all of a motion, of one coordinate between two releases,
     which forget it. A flight that alone does so ends with a touch, on which nothing depends."""
-    sizes = own_sizes(np.array([state.section for state in states]), simulator.period)
+    free, sections = int(simulator.model.autonomous), np.array([state.section for state in states])
+    sizes = own_sizes(sections, simulator.period)[free:]
     limit, one = NEAR / UNIT, np.eye(len(sizes))[None]
     products = one
     for before, after in itertools.pairwise(states):
@@ -526,7 +577,8 @@ def rounding_fills(simulator: Simulator, states: Sequence[State]) -> bool:
             products = one
             continue
         with np.errstate(all="ignore"):
-            step = simulator.derivative(before, after) * sizes / sizes[:, None]
+            step = np.array(simulator.derivative(before, after))[free:, free:]
+            step = step * sizes / sizes[:, None]
             grown = step @ products
         if not np.max(np.abs(step)) < limit:
             products = one
@@ -549,17 +601,16 @@ def _table(run: Run) -> Array:
     return impact_table(run.phases, run)
 
 
-def own_sizes(sections: Array, period: float) -> Array:
+def own_sizes(sections: Array, period: float, free: bool = False) -> Array:
     """Of times and section coordinates, shape (N, m): the period, and the largest there are. What
     is less than `SLIGHT` of its natural size has that part of it: it may be rounding alone."""
-    found = SLIGHT * natural_sizes(sections, period)
-    found[1:] = np.maximum(np.max(np.abs(sections), axis=0), found[1:])
-    found[0] = period
-    return found
+    natural = natural_sizes(sections, period, free)
+    largest = np.max(np.abs(sections), axis=0)
+    return np.append(natural[0], np.maximum(largest, SLIGHT * natural[1:]))
 
 
 def _sizes(run: Run) -> Array:
-    return own_sizes(_table(run)[:, 1:], run.period)
+    return own_sizes(_table(run)[:, 1:], run.period, run.free)
 
 
 def states_apart(difference: Array, sizes: Array) -> Array:
@@ -578,8 +629,8 @@ def _distance(run: Run, cycle: Cycle) -> float:
 def repetitions_of(cycle: Cycle, period: float) -> int:
     """How many times a cycle runs through a shorter one."""
     n, table = len(cycle.walls), impact_table(cycle.times, cycle)
-    sizes = own_sizes(table[:, 1:], period)
-    for parts in range(cycle.period, 1, -1):
+    sizes = own_sizes(table[:, 1:], period, not cycle.period)
+    for parts in range(cycle.period or n, 1, -1):
         if n % parts or cycle.period % parts:
             continue
         shift = n // parts
@@ -594,10 +645,11 @@ def repetitions_of(cycle: Cycle, period: float) -> int:
 
 def _multipliers(simulator: Simulator, rows: Sequence[State]) -> tuple[complex, ...]:
     """Of the map around, the largest first."""
-    derivatives = simulator.derivatives(rows)
+    derivatives = map_derivatives(simulator, rows)
     if not np.all(np.isfinite(derivatives)):
         return (complex(math.inf),) * derivatives.shape[1]
-    sizes = np.exp2(np.round(np.log2(natural_sizes([rows[0].section], simulator.period))))
+    sizes = natural_sizes([rows[0].section], simulator.period)[-derivatives.shape[1] :]
+    sizes = np.exp2(np.round(np.log2(sizes)))
     derivatives = derivatives * sizes / sizes[:, None]
     back = np.broadcast_to(-np.eye(derivatives.shape[1]), derivatives.shape)
     return tuple(complex(mu) for mu in multipliers(derivatives, back))
@@ -606,8 +658,9 @@ def _multipliers(simulator: Simulator, rows: Sequence[State]) -> tuple[complex, 
 def _cycle_of_states(
     run: Run, rows: Sequence[State], period: int, mus: tuple[complex, ...], miss: float
 ) -> Cycle:
-    begun = rows[0].turns
-    more = {}
+    """The cycle of rows, the last of which is the first one again."""
+    begun, rows, end = rows[0].turns, rows[:-1], rows[-1]
+    more: dict[str, Any] = {"span": end.since(rows[0], run.period)} if run.free else {}
     if run.held.size:
         more["others"] = np.array([row.others for row in rows]).reshape(len(rows), -1)
         more["held"] = np.array([row.held for row in rows], dtype=np.int64)
@@ -658,9 +711,11 @@ def spacing(attractor: Attractor) -> float:
 
 
 def _cloud(attractor: Attractor, fastest: float, points: int) -> Array:
-    """Impacts as points: the phase on a circle of circumference one, velocity, wall."""
+    """Impacts as points: the phase on a circle of circumference one, unless it is free, velocity,
+    wall."""
     every = max(1, len(attractor.times) // points)
-    angle = 2.0 * np.pi * attractor.times[::every] / attractor.forcing_period
+    turns = attractor.times[::every] / attractor.forcing_period
+    angle = 0.0 * turns if attractor.free else 2.0 * np.pi * turns
     circle = np.column_stack([np.cos(angle), np.sin(angle)]) / (2.0 * np.pi)
     velocity = attractor.velocities[::every] / fastest
     walls = attractor.walls[: len(attractor.times)][::every].astype(float)

@@ -81,7 +81,7 @@ def _counted(attractor: Attractor) -> tuple[Array, float]:
     period, or else those after the first one, until the last."""
     hits = ~attractor.released
     if attractor.period is not None:
-        return hits, attractor.period * attractor.forcing_period
+        return hits, attractor.duration
     hits[0] = False
     return hits, float(attractor.times[-1] - attractor.times[0]) or math.nan
 

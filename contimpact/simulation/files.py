@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import asdict
 from pathlib import Path
@@ -290,18 +291,22 @@ def _attractor_row(cells: Mapping[str, str], model: Model, parameter: str, kerne
     names = coordinates(model.unknowns_per_impact)
     table = [[float(cells[f"{name}{k + 1}"]) for name in names] for k in range(count)]
     impacts = np.array(table).reshape(count, len(names))
+    T = float(kernels.setup(*(values[name] for name in model.values)).period)
+    span, free = float(cells["period"] or math.nan), model.autonomous
     attractor = Attractor(
         Kind(cells["kind"]),
         values,
         cells["notation"],
-        float(kernels.setup(*(values[name] for name in model.values)).period),
+        T,
         cells["word"] or None,
-        int(cells["period"]) if cells["period"] else None,
+        None if not cells["word"] else 0 if free else int(cells["period"]),
         np.array([model.letters.index(wall.rstrip("*")) for wall in walls], dtype=np.int8),
         impacts[:, 0],
         impacts[:, 1],
         np.array([wall.endswith("*") for wall in walls], dtype=bool),
         impacts[:, 2:],
+        span=span if free else math.nan,
+        free=free,
     )
     return Row(cells["direction"], values[parameter], attractor)
 

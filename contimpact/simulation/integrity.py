@@ -46,7 +46,7 @@ from .attractor import OTHER, Attractor, Kind, distances_between, own_sizes
 from .run import Outcome, OutsideError, State
 from .settle import settle
 from .simulator import Simulator
-from .sweep import Simulators, attractor_numbers, is_orbit, parts_of
+from .sweep import Simulators, attractor_numbers, is_orbit, parts_of, require_basins
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -93,6 +93,7 @@ def start_box(simulator: Simulator, box: Mapping[str, Any] | None = None) -> Sta
     """
     if box is not None and not isinstance(box, Mapping):
         raise InputError("box", f"found {short_repr(box)}", "give time, position, velocity")
+    require_basins(simulator.model)
     count, fastest = simulator.model.DEGREES_OF_FREEDOM, simulator.fastest
     given = check_box(box or {}, "box", count)
     two = count == 1 and len({*simulator.sides}) == 2
@@ -548,6 +549,7 @@ class _Search:
     """Starts around an orbit, and where they lead."""
 
     def __init__(self, orbit: Orbit, settling: Settling) -> None:
+        require_basins(orbit.model)
         self.orbit, self.settling = orbit, settling
         self.simulator = Simulator(orbit.model)
         self.impacts = np.asarray(orbit.problem.impacts(orbit.unknowns), dtype=float)

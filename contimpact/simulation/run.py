@@ -108,7 +108,7 @@ class Run(ParameterItems, NotebookResult):
     letters: tuple[str, ...]
     """Names of the walls."""
     period: float
-    """Forcing period T."""
+    """Forcing period T; without forcing the natural time in which turns are counted."""
     walls: Array
     """Number of the wall hit, shape (N,)."""
     turns: Array
@@ -142,6 +142,11 @@ class Run(ParameterItems, NotebookResult):
         return True
 
     @property
+    def free(self) -> bool:
+        """Whether the system is known to have no forcing, whose phase would matter."""
+        return self.model is not None and self.model.autonomous
+
+    @property
     def parameters(self) -> Mapping[str, float]:
         """All parameters and derived parameters; none if the run was read from a file."""
         return self.model.parameters if self.model else {}
@@ -166,7 +171,8 @@ class Run(ParameterItems, NotebookResult):
     def _head(self) -> str:
         count = int(np.count_nonzero(~self.released))
         spans = float(self.turns[-1] - self.turns[0]) + 1 if len(self) else 0
-        return f"Run of {count_text(count, 'impact')} in {spans:.0f} periods: {self.outcome.value}"
+        unit = "natural times" if self.free else "periods"
+        return f"Run of {count_text(count, 'impact')} in {spans:.0f} {unit}: {self.outcome.value}"
 
     def __repr__(self) -> str:
         last = self._rows(slice(-5, None))

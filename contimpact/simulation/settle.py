@@ -21,7 +21,7 @@ from scipy.linalg import eig
 from ..arrays import Array
 from ..errors import InputError, explain_arguments
 from ..models.guards import Word, orders_of, state_before
-from ..models.model import Model, require_forcing
+from ..models.model import Model
 from ..orbits.quiet import problem_of
 from ..results.options import SETTLING, Settling
 from ..segments.bounded import UNIT, bounds_of
@@ -33,6 +33,7 @@ from .attractor import (
     Kind,
     Unstable,
     cycle_near,
+    map_derivatives,
     repeats,
     rounding_fills,
     sticking_cycle,
@@ -40,7 +41,7 @@ from .attractor import (
 from .flights import jump_derivative
 from .one_coordinate import OneCoordinate
 from .run import Outcome, Run, State
-from .simulator import Simulator, as_simulator, free_motion, state_after
+from .simulator import Simulator, as_simulator, free_motion, limit_cycle, state_after
 
 # Lyapunov exponents, by the contraction along impacts.
 #
@@ -112,7 +113,8 @@ def derivative_product(simulator: Simulator, rows: Sequence[State]) -> RoundedDe
         errors = size @ errors + off @ (np.abs(product) + errors)
         errors += m * UNIT * (size @ np.abs(product))
         product = step @ product
-    return RoundedDerivative(product, errors)
+    free = int(simulator.model.autonomous)  # as of `map_derivatives`
+    return RoundedDerivative(product[free:, free:], errors[free:, free:])
 
 
 def _has_law(simulator: Simulator, wall: int) -> bool:
@@ -213,13 +215,14 @@ class Exponents:
     dissipate."""
     impacts: int
     periods: float
-    """Time that these impacts take, in forcing periods: they end where a derivative is infinite."""
+    """Time that these impacts take, in forcing periods if there are any: they end where a
+    derivative is infinite."""
     end: State | None
     """State at which the run ended."""
 
     @property
     def per_period(self) -> float:
-        """The largest exponent per forcing period."""
+        """The largest exponent per forcing period, or unit of time."""
         return self.per_impact[0] * self.impacts / self.periods if self.periods > 0 else math.nan
 
 
@@ -232,7 +235,7 @@ def exponents_of(simulator: Simulator, state: State, run: Run) -> Exponents:
 
     Benettin et al., Meccanica 15 (1980), with the QR factors of 2x2 matrices written out.
     """
-    if run.held.size:
+    if run.held.size or run.free:
         return _exponents_by_qr(simulator, state, run)
     if not (count := len(run)) or run.released.any() or state.velocity == 0.0:
         lost, periods = -math.inf if count else math.nan, _periods(simulator, state, run.end)
@@ -262,12 +265,13 @@ def exponents_of(simulator: Simulator, state: State, run: Run) -> Exponents:
 
 
 def _exponents_by_qr(simulator: Simulator, state: State, run: Run) -> Exponents:
-    """By the QR factors of the derivatives, in (time, v times velocity, the other coordinates)."""
-    m = simulator.model.unknowns_per_impact
+    """By the QR factors of the derivatives, in (time, v times velocity, the other coordinates);
+    without forcing all but the time."""
+    m = simulator.model.unknowns_per_impact - int(run.free)
     q = np.linalg.qr(np.random.default_rng(0).normal(size=(m, m)))[0]
     logs, before, scale = [], state, _scale(state, m)
     states = list(run.states())
-    for after, step in zip(states, simulator.derivatives([state, *states]), strict=True):
+    for after, step in zip(states, map_derivatives(simulator, [state, *states]), strict=True):
         if not np.all(np.isfinite(step)):
             break
         next_scale = _scale(after, m)
@@ -310,9 +314,9 @@ def _contraction(simulator: Simulator, before: State, after: State) -> float:
 
 def _scale(state: State, m: int) -> Any:
     """Units of disturbances: the gap coordinate's velocity is multiplied by itself."""
-    found = np.ones(m)
+    found = np.ones(1 + len(state.section))
     found[1] = abs(state.velocity) or 1.0
-    return found
+    return found[-m:]
 
 
 def _mean(values: list[float]) -> float:
@@ -328,12 +332,12 @@ def _restitutions(simulator: Simulator, walls: Array) -> list[float]:
 
 
 def _periods(simulator: Simulator, one: State, other: State | None) -> float:
-    """Time from one state to another, in forcing periods."""
+    """Time from one state to another, in forcing periods if there are any."""
     begun, ended = (
         math.nan if state is None else state.turns * simulator.period + state.phase
         for state in (one, other)
     )
-    return (ended - begun) / simulator.period
+    return (ended - begun) / (1.0 if simulator.model.autonomous else simulator.period)
 
 
 def _scatter(values: list[float]) -> float:
@@ -448,7 +452,7 @@ def periodic(
     cycle = _first_rotation(cycle, simulator.period)
     sticks = bool(cycle.released.any() or cycle.held.any())
     word = _sticking_word(simulator, cycle) if sticks else _letters(simulator, cycle.walls)
-    count, smallest = len(cycle.walls), math.nan
+    count, smallest, periods_in = len(cycle.walls), math.nan, cycle.period or cycle.span
     found = contraction_of(simulator, cycle)
     if sticks:
         notation = _sticking_notation(simulator, cycle)
@@ -466,8 +470,8 @@ def periodic(
         error=found.error,
         exponent_sum=found.total,
         restitution=math.nan if sticks else float(np.mean(_restitutions(simulator, cycle.walls))),
-        per_period=found.exponents[0] * count / cycle.period,
-        rate=math.inf if sticks else count / cycle.period,
+        per_period=found.exponents[0] * count / periods_in,
+        rate=math.inf if sticks else count / periods_in,
         smallest_gap=smallest,
         distance=distance,
         periods=periods,
@@ -482,7 +486,6 @@ def _letters(simulator: Simulator, walls: Array) -> str:
 def _first_rotation(cycle: Cycle, period: float) -> Cycle:
     """The cycle in its first rotation: walls in order, the faster impact first."""
     n = len(cycle.walls)
-    span = cycle.period * period
     walls, fast = cycle.walls.tolist(), np.abs(cycle.velocities).tolist()
 
     def key(shift: int) -> tuple[list[int], bool, float]:
@@ -492,8 +495,8 @@ def _first_rotation(cycle: Cycle, period: float) -> Cycle:
 
     shift = min(range(n), key=key)
     times = np.roll(cycle.times, -shift).copy()
-    times[n - shift :] += span
-    times -= math.floor(times[0] / period) * period
+    times[n - shift :] += cycle.duration(period)
+    times -= math.floor(times[0] / period) * period if cycle.period else times[0]
     names = ("walls", "velocities", "released", "others", "held")
     rolled = {name: np.roll(getattr(cycle, name), -shift, axis=0) for name in names}
     return replace(cycle, times=times, **rolled)
@@ -539,7 +542,7 @@ def _sticking_notation(simulator: Simulator, cycle: Cycle) -> str:
     """Impacts per wall, infinite on walls where they accumulate."""
     stuck = {wall for wall, _, _ in sojourns(cycle)}
     totals = [int(np.count_nonzero(cycle.walls == k)) for k in range(len(simulator.letters))]
-    p = cycle.period
+    p = cycle.period or 1
     finite = [total for k, total in enumerate(totals) if k not in stuck]
     whole = all(total % p == 0 for total in finite)
     each = [total // p if whole else total for total in totals]
@@ -554,7 +557,7 @@ def _smallest_gap(simulator: Simulator, word: str, cycle: Cycle) -> float:
     touches: Callable[..., list[FlightGaps]] = flight_gaps
     if cycle.held.size:
         impacts, touches = np.column_stack([impacts, cycle.others]), interior_touches
-    span = cycle.period * simulator.period
+    span = cycle.duration(simulator.period)
     flights = touches(simulator.kernels, word, simulator.values, impacts, span)
     return _smallest_of(flights)
 
@@ -586,12 +589,6 @@ _ENDS = {
 }
 
 
-def require_attractors(model: Model) -> None:
-    """Raise `InputError` for a system whose attractors cannot be told."""
-    accepted = "use Simulator for single motions, find_orbits for orbits"
-    require_forcing(model, "model", "attractors are told by", accepted)
-
-
 @explain_arguments
 def settle(
     simulator: Simulator | Model,
@@ -615,21 +612,19 @@ def settle(
     Returns
     -------
     Attractor
-
-    Raises
-    ------
-    InputError
-        If the system has no forcing.
     """
     simulator = as_simulator(simulator)
-    require_attractors(simulator.model)
     if isinstance(state, str):
         state = simulator.random_state()
     if state is None:
         found = without_impact(simulator, mode)
     else:
         found = _settled(simulator, state, settling)
-    return replace(found, model=simulator.model)
+    return _of_model(found, simulator.model)
+
+
+def _of_model(found: Attractor, model: Model) -> Attractor:
+    return replace(found, model=model, free=model.autonomous)
 
 
 def _settled(simulator: Simulator, state: State, settling: Settling) -> Attractor:
@@ -687,7 +682,7 @@ def _approaches_cycle(
         return False  # it is not solved for
     if not earlier[1] > 0.0 or not repeats(run.walls, len(cycle.walls)):
         return False
-    rounds = (turns - earlier[2]) / cycle.period
+    rounds = (turns - earlier[2]) * run.period / cycle.duration(run.period)
     rate, ratio = abs(cycle.multipliers[0]) ** rounds, distance / earlier[1]
     return bool(PASSING * rate**2 < ratio < rate**0.5)
 
@@ -714,14 +709,17 @@ def without_impact(
         raise InputError("mode", f"no mode {mode!r}", f"the modes are {', '.join(modes)}")
     kind = Kind.NO_IMPACT
     named = f"{kind.value} ({mode})" if mode in modes[1:] else kind.value
-    motion, gap = free_motion(simulator, mode, left), math.nan
-    if motion is not None and mode == simulator.model.first_mode:
+    motion, span, gap = free_motion(simulator, mode, left), math.nan, math.nan
+    if simulator.model.autonomous and motion is not None:
+        motion, span = limit_cycle(simulator, mode, motion)
+        named += ", at rest" * (span == 0.0) + ", unstable" * (span == 0.0 and motion is None)
+    elif motion is not None and mode == simulator.model.first_mode:
         model, kernels = simulator.model, simulator.kernels
         free = [model.values[name] for name in kernels.parameters]
         flights = problem_of(model, Word("", 1), kernels).gaps(np.append(motion, free))
         gap = _smallest_of(flights)
-    about = kind, simulator.parameters, named, simulator.period
-    return Attractor(*about, mode=mode, motion=motion, smallest_gap=gap)
+    about = simulator.parameters, named, simulator.period
+    return Attractor(kind, *about, mode=mode, motion=motion, span=span, smallest_gap=gap)
 
 
 def settle_again(
@@ -746,7 +744,7 @@ def settle_again(
             return settle(simulator, state, settling)
         if at is not None:
             found = without_impact(simulator, attractor.mode, attractor.motion)
-            return replace(found, model=simulator.model)
+            return _of_model(found, simulator.model)
     return None
 
 
@@ -779,8 +777,8 @@ def _unsettled_motion(
         Kind.COMPLEX if is_complex else Kind.NOT_SETTLED,
         simulator.parameters,
         complex_notation([share * rate for share in shares])
-        if is_complex
-        else Kind.NOT_SETTLED.value,
+        if is_complex and not run.free
+        else (Kind.COMPLEX if is_complex else Kind.NOT_SETTLED).value,
         simulator.period,
         walls=run.walls[last],
         times=run.times[last],

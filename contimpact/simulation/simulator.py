@@ -21,11 +21,13 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 import numpy as np
+from scipy.optimize import brentq
 
 from ..arrays import Array
 from ..display import ParameterItems
 from ..errors import InputError, explain_arguments, random_generator, require_whole
 from ..models.model import Model
+from ..segments.bounded import UNIT
 from ..segments.compiling import cores
 from ..segments.integration import statement
 from ..segments.kernel import SECTION
@@ -558,7 +560,8 @@ def free_motion(
     """Return position and velocity of each coordinate at t = 0, x0, v0, x1, v1, ...
 
     The motion continues in this mode after its last impact `left`, or after such numbers. None if
-    it settles on no motion of the forcing's period, or on none that is known.
+    it settles on no motion of the forcing's period, or on none that is known; without forcing it is
+    where it is after its longest flight.
     """
     law = simulator.machine.law_in(mode)
     if law is not None:
@@ -718,9 +721,69 @@ def _repeating_motion(
         return None
     places, rounding = natural_places(ends, simulator.period), ROUNDED * abs(place / by)
     apart, size = float(np.max(np.abs(places[1] - places[0]))), float(np.max(np.abs(places[1])))
-    if not apart <= max(REPEATED * size, rounding):
+    if not (apart <= max(REPEATED * size, rounding) or simulator.model.autonomous):
         return None
     return tuple(np.where(np.abs(places[1]) > rounding, ends[1], 0.0).tolist())
+
+
+ROUNDS, SAMPLES = 16, 64
+"""Natural times for which a motion without forcing is looked at, and instants in each."""
+DISTURBED, GROWS = 1e-6, 1e-7
+"""Size of a disturbance, in natural units, and by which part it grows in a natural time if it is
+not rounding."""
+
+
+def limit_cycle(
+    simulator: Simulator, mode: str, motion: tuple[float, ...]
+) -> tuple[tuple[float, ...] | None, float]:
+    """Return a motion without forcing where its first coordinate is largest, and the time after
+    which it is there again; the motion and 0 where it rests, None and 0 where that is not stable,
+    None and NaN where it does neither."""
+    if simulator.machine.law_in(mode) is not None:  # it is linear, and has been found to contract
+        return motion, 0.0
+    flow, step = _flow_of_section(simulator, mode), simulator.period / SAMPLES
+    if flow is None:
+        return None, math.nan
+    if _repeat(simulator, motion, flow(motion, simulator.period)):
+        return (motion if _is_stable(simulator, flow, motion) else None), 0.0
+    turns: list[tuple[float, list[float]]] = []
+    state = list(motion)
+    for k in range(ROUNDS * SAMPLES):
+        further = flow(state, step)
+        if state[1] > 0.0 >= further[1]:
+            time = _turning_time(flow, state, step)
+            turns.append((k * step + time, flow(state, time)))
+            if _repeat(simulator, turns[0][1], turns[-1][1]) and len(turns) > 1:
+                largest = max((place for _, place in turns[1:]), key=lambda place: place[0])
+                return (largest[0], 0.0, *largest[2:]), turns[-1][0] - turns[0][0]
+        state = further
+    return None, math.nan
+
+
+def _turning_time(flow: Flow, state: Sequence[float], step: float) -> float:
+    """When, within a step, the first coordinate ceases to rise."""
+
+    def speed(time: float) -> float:
+        return flow(state, time)[1] if time else state[1]
+
+    return float(brentq(speed, 0.0, step, xtol=UNIT * step, rtol=8.0 * UNIT))
+
+
+def _is_stable(simulator: Simulator, flow: Flow, motion: Sequence[float]) -> bool:
+    """Whether small disturbances of a motion at rest do not grow."""
+    period, columns = simulator.period, []
+    size = DISTURBED * simulator.fastest
+    units = np.resize([size * period / (2.0 * math.pi), size], len(motion))
+    for disturbance in np.diag(units):
+        ends = [flow(np.add(motion, sign * disturbance), period) for sign in (1.0, -1.0)]
+        columns.append(np.subtract(ends[0], ends[1]) / (2.0 * units))
+    return bool(np.max(np.abs(np.linalg.eigvals(columns))) < 1.0 + GROWS)
+
+
+def _repeat(simulator: Simulator, one: Sequence[float], other: Sequence[float]) -> bool:
+    """Whether two states are one, by their size."""
+    places = natural_places([one, other], simulator.period)
+    return bool(np.max(np.abs(places[1] - places[0])) <= REPEATED * np.max(np.abs(places)))
 
 
 def natural_places(motions: Sequence[Sequence[float]] | Array, period: float) -> Array:

@@ -25,13 +25,13 @@ from ..errors import (
     short_repr,
 )
 from ..models.guards import Word, is_rotation
-from ..models.model import Model, Symmetry
+from ..models.model import Model, Symmetry, require_forcing
 from ..orbits.orbit import Orbit
 from ..orbits.problem import OrbitProblem
 from ..orbits.quiet import problem_of
 from ..orbits.search import mirror_orbit, solve_near
 from ..progress import Asked, progress_lines
-from ..results.branch import Branch, columns_of, coordinates, same_data
+from ..results.branch import Branch, coordinates, impacts_at, same_data
 from ..results.diagram import Diagram
 from ..results.options import SETTLING, Settling
 from ..schema import build_record
@@ -47,7 +47,7 @@ from .attractor import (
     states_apart,
 )
 from .run import Outcome, Run, State
-from .settle import require_attractors, settle, settle_again, sojourns
+from .settle import settle, settle_again, sojourns
 from .simulator import Batch, Simulator, as_simulator, natural_places
 
 SAME = 1e-6
@@ -329,7 +329,8 @@ def same_attractor(one: Attractor, other: Attractor, tolerance: float = SAME) ->
     (walls, mine), (met, theirs) = _marks(one), _marks(other)
     if len(walls) != len(met):
         return False
-    sizes = natural_sizes(np.concatenate([mine, theirs])[:, 1:], one.forcing_period)
+    sections = np.concatenate([mine, theirs])[:, 1:]
+    sizes = natural_sizes(sections, one.forcing_period, one.free)
     for shift in range(len(met)):
         if np.array_equal(np.roll(met, -shift), walls):
             apart = states_apart(np.roll(theirs, -shift, axis=0) - mine, sizes)
@@ -396,7 +397,7 @@ WRITTEN = 64
 
 
 def attractor_columns(m: int) -> list[str]:
-    """Return the names of the columns that say what an attractor is, of m unknowns an impact."""
+    """Return the names of the columns that say what an attractor is, of m multipliers."""
     places = range(1, m + 1)
     return [
         *("direction", "kind", "notation", "word", "period", "rate"),
@@ -413,7 +414,7 @@ def table_of(sweep: Sweep) -> tuple[list[str], list[list[Any]]]:
     letters = sweep.model.letters
     names = [*sweep.model.values, *sweep.model.DERIVED]
     m = sweep.model.unknowns_per_impact
-    each = ("wall", *coordinates(m))
+    each, m = ("wall", *coordinates(m)), m - int(sweep.model.autonomous)
     columns = [*names, *attractor_columns(m)]
     columns += [f"{what}{k + 1}" for k in range(most) for what in each]
     width = most * len(each) + len(attractor_columns(m)) + len(names)
@@ -427,7 +428,8 @@ def _cells(row: Row, names: Sequence[str], letters: Sequence[str], m: int) -> li
     spread = [x for mu in parts for x in ((mu.real, mu.imag) if mu is not None else (None, None))]
     exponents = a.exponents if len(a.exponents) == m else (math.nan,) * m
     cells: list[Any] = [a.parameters[name] for name in names]
-    cells += [row.direction, a.kind.value, a.notation, a.word, a.period, a.rate, *exponents]
+    period = (a.span if math.isfinite(a.span) else None) if a.free else a.period
+    cells += [row.direction, a.kind.value, a.notation, a.word, period, a.rate, *exponents]
     total = sum(exponents) if a.exponent_sum is None else a.exponent_sum
     cells += [a.error, total, a.restitution, a.per_period, *spread]
     cells += [a.smallest_gap, a.closing, a.distance, a.periods, len(a.walls)]
@@ -607,6 +609,12 @@ def parts_of(count: int) -> Iterator[slice]:
         done, size = done + size, min(8 * size, LARGEST)
 
 
+def require_basins(model: Model) -> None:
+    """Raise `InputError` for a system whose basins are not looked at."""
+    accepted = "find_attractors lists what random starts lead to"
+    require_forcing(model, "model", "starts of basins have a phase in", accepted)
+
+
 def attractor_numbers(
     simulator: Simulator,
     states: Sequence[State],
@@ -615,7 +623,7 @@ def attractor_numbers(
     threads: int | None = None,
 ) -> list[int]:
     """Return the number of the attractor of each start; new ones are added to the list."""
-    require_attractors(simulator.model)
+    require_basins(simulator.model)
     batch = Batch(simulator, states, threads)
     numbers = np.full(len(states), -1)
     left, known = np.arange(len(states)), len(found)
@@ -790,7 +798,7 @@ def _match(row: Row, sweep: Sweep, diagram: Diagram, kernels: Kernels) -> Match 
     attractor, found = row.attractor, []
     word, period, still = attractor.word, attractor.period, attractor.motion is not None
     if still and _first_mode(attractor, sweep):
-        word, period = "", 1
+        word, period = "", int(not attractor.free)
     elif still or attractor.kind is not Kind.PERIODIC or word is None or period is None:
         return None
     model = sweep.model.replace(**{sweep.parameter: row.value})
@@ -824,7 +832,7 @@ def _orbits_and_images(
 
 def _distance_of_motions(attractor: Attractor, problem: OrbitProblem, unknowns: Array) -> float:
     """How far a motion without impacts is from an orbit, in parts of its size."""
-    pair = np.array([unknowns[: problem.m], attractor.motion])
+    pair = np.array([unknowns[: problem.m], attractor.unknowns])
     mine, theirs = natural_places(pair, attractor.forcing_period)
     walls = problem.setup(unknowns).walls
     size = max(float(np.max(np.abs(theirs))), STILL * max(map(abs, map(float, walls))))
@@ -851,8 +859,7 @@ def orbits_on(branch: Branch, sweep: Sweep, value: float, kernels: Kernels) -> l
         after = min(row + 1, len(parameters) - 1)
         step = parameters[after] - parameters[row]
         part = (value - parameters[row]) / step if step else 0.0
-        names = columns_of(branch.word, problem.m)
-        points = [np.array([branch[name][k] for name in names]) for k in (row, after)]
+        points = [impacts_at(branch, k, problem).ravel() for k in (row, after)]
         guess = points[0] + part * (points[1] - points[0])
         here = solve_near(problem, np.append(guess, value))
         if here is not None:
@@ -884,7 +891,7 @@ def _distance(attractor: Attractor, word: str, orbit: Array) -> float:
     """Largest difference in natural sizes, the least over the rotations of the word; of long words
     a file has the first impacts alone."""
     letters, table = attractor.word or "", impact_table(attractor.times, attractor)
-    sizes = natural_sizes(table[:, 1:], attractor.forcing_period)
+    sizes = natural_sizes(table[:, 1:], attractor.forcing_period, attractor.free)
     shifts = [k for k in range(len(word)) if word[k:] + word[:k] == letters]
     turned = (np.roll(orbit, -k, axis=0)[: len(table)] for k in shifts)
     apart = [states_apart(each - table, sizes) for each in turned]
@@ -901,10 +908,13 @@ def _uncovered_groups(rows: Sequence[Row], sweep: Sweep) -> list[UncoveredGroup]
         group = sorted(group, key=lambda row: row.value)
         middle = group[len(group) // 2]
         a = middle.attractor
-        periodic = a.kind is Kind.PERIODIC or (a.motion is not None and _first_mode(a, sweep))
+        moves = a.motion is not None and not a.rests
+        periodic = a.kind is Kind.PERIODIC or (moves and _first_mode(a, sweep))
         why = f"{a.kind.value}: no orbit of finite word"
         if periodic:
             why = "no branch has this orbit"
+        elif a.motion is not None and not moves:
+            why = f"{a.notation}: equilibria are not followed"
         elif a.motion is not None:
             why = f"{a.notation}: the word 0 is that of the first mode"
         elif a.kind is Kind.NO_IMPACT:
@@ -918,10 +928,10 @@ def _uncovered_groups(rows: Sequence[Row], sweep: Sweep) -> list[UncoveredGroup]
 def scene_fragment(row: Row, sweep: Sweep) -> str:
     """Return the tables [model] and [follow] of a scene that follows an attractor, in TOML."""
     attractor, model = row.attractor, sweep.model
-    values: Mapping[str, float] = {**model.values, sweep.parameter: row.value}
-    others = [other.value for other in sweep.rows]
+    values: Mapping[str, float] = {**model.values, sweep.parameter: float(row.value)}
+    others = [float(other.value) for other in sweep.rows]
     low, high = min(others), max(others)
-    word = Word(attractor.word or "", attractor.period or 1)
+    word = Word(attractor.word or "", 0 if attractor.free else attractor.period or 1)
     options = [f'{name} = "{text}"' for name, text in model.options.items()]
     lines = ["[model]", f'system = "{model.SYSTEM}"', *options, "", "[model.parameters]"]
     lines += [f"{name} = {value!r}" for name, value in values.items()]

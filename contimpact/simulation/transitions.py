@@ -97,7 +97,7 @@ def goes_on(simulators: Simulators, before: Row, after: Row, settling: Settling)
     one, other = before.attractor, after.attractor
     if one.label != other.label:
         return False
-    if one.kind is Kind.PERIODIC and one.state and one.period:
+    if one.kind is Kind.PERIODIC and one.state and one.period is not None:
         there = simulators.at(after.value)
         solved = solve_cycle(there, one.state, len(one.walls), one.period)
         if solved is None or repetitions_of(solved, there.period) > 1:
@@ -121,17 +121,19 @@ def _motion_goes_on(simulators: Simulators, before: Row, after: Row) -> bool:
         return True
     if one.mode not in ("", *(mode.name for mode in modes[:1])):
         return True
-    if there.machine.law_in(one.mode) is not None:
+    if there.machine.law_in(one.mode) is not None or one.rests:
         return True
-    at = np.append(one.motion, before.value)
+    at = np.append(one.unknowns, before.value)
     for value in np.linspace(before.value, after.value, STEPS + 1)[1:].tolist():
         model = simulators.model.replace(**{simulators.parameter: value})
         at[-1] = value
-        moved = solve_near(problem_of(model, Word("", 1), simulators.kernels), at)
+        word = Word("", int(not one.free))
+        moved = solve_near(problem_of(model, word, simulators.kernels), at)
         if moved is None:
             return False
         at = moved.unknowns
-    return same_attractor(replace(other, motion=tuple(at[:-1].tolist())), other)
+    found = replace(other, motion=tuple(at[:-1].tolist()))
+    return same_attractor(found, replace(other, motion=tuple(other.unknowns.tolist())))
 
 
 def leads_to(simulators: Simulators, before: Row, after: Row, settling: Settling) -> bool:
@@ -300,7 +302,7 @@ def name(before: Row, after: Row, earlier: Row | None = None) -> Transition:
     """
     one, other = before.attractor, after.attractor
     gained = other.rate - one.rate
-    both = one.period is not None and other.period is not None
+    both = one.period is not None and other.period is not None and not one.free
     whole = both and math.isfinite(gained) and abs(gained - round(gained)) < 1e-9
     order = round(gained) if whole else None
     kind, evidence = _kind(before, after, earlier)
@@ -531,8 +533,8 @@ def _changed_basin(first: Row, after: Row, last: Row) -> Transition:
 def _not_followed(left: Row, after: Row) -> Transition:
     """A change somewhere behind a motion without impacts that cannot be started anew."""
     evidence = (
-        f"{left.attractor.notation} cannot be started anew beyond {left.value:.9g}: no motion of "
-        "the forcing's period, within the guards, is known of it; it is not followed to its end"
+        f"{left.attractor.notation} cannot be started anew beyond {left.value:.9g}: no motion "
+        "that repeats itself, within the guards, is known of it; it is not followed to its end"
     )
     wide = "it is a step of the sweep; more simulate.values narrow it"
     return replace(_unnamed_transition(left, after), evidence=evidence, wide=wide)
@@ -630,7 +632,7 @@ def _is_related(entry: Entry, transition: Transition) -> bool:
         return False
     if entry.kind == "G" and not entry.word and freed:
         return True
-    return any(_repeats(s.word or "", s.period or 1, entry) for s in periodic) or (
+    return any(_repeats(s.word or "", s.period or 0, entry) for s in periodic) or (
         entry.becomes is not None
         and any(is_rotation(s.word or "", entry.becomes.split("/")[0]) for s in periodic)
     )
@@ -638,5 +640,6 @@ def _is_related(entry: Entry, transition: Transition) -> bool:
 
 def _repeats(word: str, period: int, entry: Entry) -> bool:
     """Whether an orbit is the entry's, or the entry's run several times."""
-    times, rest = divmod(period, entry.period)
+    long, short = (period, entry.period) if entry.period else (len(word), len(entry.word) or 1)
+    times, rest = divmod(long, short)
     return rest == 0 and is_rotation(word, entry.word * times)

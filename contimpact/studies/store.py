@@ -168,7 +168,7 @@ STEPS = (
         word      TEXT,
         period    INTEGER,
         exponent  REAL,                      -- the larger Lyapunov exponent per impact
-        rate      REAL,                      -- impacts per forcing period
+        rate      REAL,                      -- impacts per forcing period, or unit of time
         gap       REAL,                      -- the smallest
         PRIMARY KEY (study, scene, number)
     ) WITHOUT ROWID;

@@ -316,7 +316,8 @@ def _sweep(file: StudyFile, values: Sequence[float], rows: Sequence[Mapping[str,
     for row in sorted(rows, key=lambda row: row["number"]):
         simulator = simulators.at(row["value"])
         about = Kind(row["kind"]), simulator.parameters, row["notation"], simulator.period
-        attractor = Attractor(*about, row["word"], row["period"])
+        free = scene.model.autonomous
+        attractor = Attractor(*about, row["word"], row["period"], free=free)
         made.append(Row(row["direction"], row["value"], attractor))
     return Sweep(scene.model, scene.parameter, made)
 

@@ -49,7 +49,7 @@ def test_what_comments_offer_is_valid(name):
     used = [re.sub(r"^# (?=\[|\w+ += )", "", line) for line in lines]
     scene = ci.read_scene(tomllib.loads("\n".join(used)))
     assert scene.curves is not None
-    assert (scene.simulate is None) == scene.model.autonomous
+    assert scene.simulate is not None
     assert (scene.survey, scene.depth, scene.unphysical, scene.plot.html) == (True, 2, False, True)
 
 
