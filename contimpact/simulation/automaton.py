@@ -791,7 +791,7 @@ def _linear_jacobian(automaton: Automaton, before: State, after: State) -> Array
     motion = automaton.flying(before.wall, after.held)
     begin, _ = automaton.leave(before)
     left = _departure_derivative(automaton, motion, before)
-    left = np.column_stack([-motion.rate(begin), left])
+    left[:, 0] -= motion.rate(begin)
     disturbed = motion.flowed(after.since(before, automaton.period)) @ left
     row = automaton.rows[after.wall]
     end = motion.embedded(*automaton.before(after.wall, after.section), after.phase)
@@ -803,12 +803,12 @@ def _linear_jacobian(automaton: Automaton, before: State, after: State) -> Array
 
 
 def _departure_derivative(automaton: Automaton, motion: LinearMotion, before: State) -> Array:
-    """How the state after an impact or a release depends on the section coordinates before it."""
+    """How the state after an impact or a release depends on the time and the section coordinates
+    before it, shape (2 d, 2 d)."""
     d, row = automaton.size, automaton.rows[before.wall]
-    m = 2 * d - 1
     if before.released:
-        units = (state_before(row.tolist(), 0.0, unit) for unit in np.eye(m).tolist())
-        found = np.array([np.concatenate(unit) for unit in units]).T
+        units = (state_before(row.tolist(), 0.0, unit) for unit in np.eye(2 * d - 1).tolist())
+        found = np.array([np.zeros(2 * d), *map(np.concatenate, units)]).T
     else:
         name = automaton.guards[before.wall].name
         found = jump_derivative(automaton.kernels, name, before, automaton.values)

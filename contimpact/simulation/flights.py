@@ -711,12 +711,13 @@ Window: TypeAlias = LinearWindow | IntegratedWindow | KernelWindow
 
 
 def jump_derivative(kernels: Kernels, guard: str, state: State, values: Sequence[float]) -> Array:
-    """Return how positions and velocities after an impact on a guard depend on the section
-    coordinates before it, shape (2 d, 2 d - 1)."""
+    """Return how positions and velocities after an impact on a guard depend on the time and the
+    section coordinates before it, shape (2 d, 2 d)."""
     law, d = evaluate_in(kernels.law(guard), FLOAT_SERIES), kernels.model.DEGREES_OF_FREEDOM
     columns = []
-    for j in range(2 * d - 1):
-        section = [Series([y, float(i == j)]) for i, y in enumerate(state.section)]
-        after = law(state.phase, *section, *values)[3][: 2 * d]
+    for j in range(2 * d):
+        before = (state.phase, *state.section)
+        given = [Series([y, float(i == j)]) for i, y in enumerate(before)]
+        after = law(*given, *values)[3][: 2 * d]
         columns.append([float(e.coefficients[1]) if isinstance(e, Series) else 0.0 for e in after])
     return np.array(columns).T

@@ -156,7 +156,7 @@ def _impact_determinant(simulator: Simulator, before: State) -> float:
     rates = jump_derivative(simulator.kernels, guard.name, before, simulator.values)
     units = np.eye(2 * size - 1)[::2].tolist()
     into = [state_before(guard.row(size), 0.0, unit)[1] for unit in units]
-    return float(np.linalg.det(rates[size:, ::2].T) / np.linalg.det(into))
+    return float(np.linalg.det(rates[size:, 1::2].T) / np.linalg.det(into))
 
 
 def _blocks(simulator: Simulator, before: State, after: State) -> tuple[Array, Array, Array, Array]:
