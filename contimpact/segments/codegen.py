@@ -610,14 +610,15 @@ class KernelWriter:
         return self._shared(name, [T0, *self.start], about, outputs, reduce=True)
 
     def rates(self, name: str, a: str) -> str:
-        """How the velocities of coordinates of first order change with the state."""
+        """The velocities of coordinates of first order, and how they change with the state."""
         x, v = state_symbols(self.model.DEGREES_OF_FREEDOM)
         orders = orders_of(self.model.MODES, self.model.guard(a).next_mode, len(v))
-        laws = zip(orders, self.leave(a).rates, strict=True)
-        state = *x, *v
-        found = tuple(sympy.diff(e, s) if k == 1 else sympy.S.Zero for k, e in laws for s in state)
-        about = f"""How velocities of coordinates of first order change with positions and
-        velocities after wall {a}: the derivatives, row by row."""
+        laws = [
+            e if k == 1 else sympy.S.Zero for k, e in zip(orders, self.leave(a).rates, strict=True)
+        ]
+        found = tuple(laws), tuple(sympy.diff(e, s) for e in laws for s in (*x, *v))
+        about = f"""Velocities of coordinates of first order after wall {a}, and how they change
+        with positions and velocities: the derivatives, row by row."""
         return self._shared(name, [T0, *x, *v], about, found)
 
     def field(self, name: str, a: str) -> str:

@@ -319,8 +319,8 @@ class Kernels:
         return self.kernel(f"law_{a}")
 
     def rates(self, a: str) -> Kernel:
-        """``rates(t, *x, *v, *p)``: how the velocities of coordinates of first order change with
-        positions and velocities after a wall, a row for each coordinate."""
+        """``rates(t, *x, *v, *p)``: the velocities of coordinates of first order after a wall, and
+        how they change with positions and velocities, a row for each coordinate."""
         return self.kernel(f"rates_{a}")
 
     def loss(self, a: str) -> Kernel:
@@ -331,6 +331,13 @@ class Kernels:
         """``field(t0, *y0, *p)``: what a flight after a wall is integrated from; from the section
         ``field(*state, *p)``."""
         return self.kernel(f"field_{a}")
+
+    @_known
+    def field_text(self, a: str) -> str:
+        """The text of that field; see `integration.text_of`."""
+        from .taylor import field_of
+
+        return field_of(self.field(a))
 
     @_known
     def linear(self, a: str) -> bool:
@@ -388,9 +395,9 @@ class Kernels:
         """Whether the flight after a wall, or from the section, is one of those."""
         if not self.integrated(a):
             return False
-        from .taylor import field_of, has_series
+        from .taylor import has_series
 
-        return has_series(field_of(self.field(a)))
+        return has_series(self.field_text(a))
 
     @functools.cached_property
     def identity(self) -> str:

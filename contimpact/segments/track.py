@@ -365,6 +365,11 @@ class IntegratedCurve:
         found[:, :-1] = self._velocity[:, 1:] * orders / self._steps[:, None]
         return found
 
+    @property
+    def largest_force(self) -> float:
+        """The largest coefficient of the acceleration."""
+        return float(np.abs(self._acceleration).max())
+
     def _piece(self, k: int) -> list[tuple[float, float, float]]:
         """Coefficients of a piece, the highest first."""
         if k not in self._pieces:

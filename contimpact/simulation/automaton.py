@@ -3,11 +3,11 @@
 Each flight starts with the state that an impact, or a release, leaves. Of all guards that its mode
 has, the one that is reached first ends it. At rigid walls impacts accumulate by the law of
 `contimpact.simulation.run`; then the wall is held, and the motion goes on in the constrained
-mode (`flights`), in which other walls may be hit and held. It ends where a contact ceases to
+mode (`motions`), in which other walls may be hit and held. It ends where a contact ceases to
 push, or where another impact moves the system off the wall.
 
-Flights on which no wall is held are made by `linear_flights`, plainly or compiled, where all are
-linear; nothing here is compiled.
+Flights on which no wall is held are made by `linear_flights` or `integrated_flights`, plainly or
+compiled, where all are linear, or integrated; nothing here is compiled.
 """
 
 from __future__ import annotations
@@ -27,27 +27,25 @@ from ..models.guards import orders_of, pivot, state_before
 from ..models.model import Model
 from ..segments.compiling import timed_plainly
 from ..segments.flight import first_hit
+from ..segments.integration import statement
 from ..segments.kernels import Kernels
-from ..segments.linear_flow import Shape, generator_of
-from ..segments.segment import ARRAYS, ELSEWHERE, evaluate_in
-from ..segments.track import Pieces, Track
+from ..segments.linear_flow import Shape
+from ..segments.segment import ARRAYS, ELSEWHERE, FLOATS, evaluate_in
 from .flights import (
     LEAST,
     NUDGE,
     SHORTEST,
-    Contact,
     KernelWindow,
-    LinearMotion,
-    LinearWindow,
+    TrackWindow,
     Window,
-    integrated_windows,
+    departure_of,
     jump_derivative,
-    linear_windows,
     of_guards,
-    until_repeated,
+    track_windows,
     windows,
 )
 from .linear_flights import runs_of
+from .motions import Contact, IntegratedMotion, LinearMotion, ModeMotion
 from .run import (
     BESIDE,
     CALM,
@@ -85,6 +83,8 @@ MANY, STALLED = 100, 1e-6
 part of a period."""
 SLOW = 0.05
 """Flights after an impact slower than this part of the fastest may be short."""
+SAMPLES, STEADY = 4, 1e-12
+"""States at which directions of impacts are compared, and the part by which they may differ."""
 MOVED = 1e-10
 """A wall is left by an impact elsewhere that gives it this part of the largest velocity; a guard is
 passed at once, from its surface on, by this part of the fastest."""
@@ -121,7 +121,7 @@ class Automaton:
         self.first_mode = model.first_mode
         self.rows = tuple(np.array(guard.row(self.size), dtype=float) for guard in self.guards)
         self.restitution = of_guards(model, self._restitution)
-        self._motions: dict[tuple[str, int], LinearMotion] = {}
+        self._motions: dict[tuple[str, int], ModeMotion] = {}
         self._through = PassageRule(kernels, self.values, self.positions)
 
     # What is fixed with the parameters.
@@ -131,27 +131,33 @@ class Automaton:
         """Whether the flight after each guard is a linear one."""
         return tuple(self.kernels.linear(guard.name) for guard in self.guards)
 
-    def law(self, wall: int, phase: float, section: Sequence[float]) -> Any:
-        """What the kernel `law` returns after an impact."""
-        return self.kernels.law(self.guards[wall].name)(phase, *section, *self.values)
+    @functools.cached_property
+    def tracked(self) -> tuple[bool, ...]:
+        """Whether the flight after each guard is known from any state on: linear or integrated."""
+        integrated = (self.kernels.integrated(guard.name) for guard in self.guards)
+        return tuple(a or b for a, b in zip(self.linear, integrated, strict=True))
 
-    def _after(self, wall: int, section: Sequence[float]) -> Array:
-        """Velocities after an impact on a wall."""
-        return np.array(self.law(wall, 0.0, section)[3][self.size : 2 * self.size])
+    def _after(self, wall: int, phase: float, section: Sequence[float]) -> Array:
+        """Positions and velocities after an impact on a wall, shape (2, d)."""
+        depart = departure_of(self.kernels, self.guards[wall].name, FLOATS)
+        found = np.zeros((2, self.size))
+        for row, part in zip(found, depart(phase, *section, *self.values), strict=True):
+            row[: len(part)] = part
+        return found
 
-    def _low(self, wall: int) -> tuple[Array, Array]:
-        """Velocities before and after an impact of low velocity, nothing else moving."""
-        section = (LOW, *[0.0] * (2 * self.size - 2))
-        return np.array(self.before(wall, section)[1]), self._after(wall, section)
+    @property
+    def _low(self) -> tuple[float, ...]:
+        """Section coordinates of an impact of low velocity, nothing else moving."""
+        return (LOW, *[0.0] * (2 * self.size - 2))
 
     def _restitution(self, wall: int) -> float:
         if not self.guards[wall].rigid:
             return 1.0
         if not self.linear[wall]:
             name = self.guards[wall].name
-            head = (0.0, LOW, *[0.0] * (2 * self.size - 2), 0.0)
+            head = (0.0, *self._low, 0.0)
             return abs(float(self.kernels.motion(name)(*head, *self.values)[1])) / LOW
-        return abs(float(self.rows[wall] @ self._low(wall)[1])) / LOW
+        return abs(float(self.rows[wall] @ self._after(wall, 0.0, self._low)[1])) / LOW
 
     def before(self, wall: int, section: Sequence[float]) -> tuple[list[float], list[float]]:
         """Return positions and velocities before an impact, from its section coordinates."""
@@ -159,48 +165,86 @@ class Automaton:
 
     def contact(self, wall: int) -> Contact:
         """Return a wall as something to rest against."""
-        before, after = self._low(wall)
-        guard, row = self.guards[wall], self.rows[wall]
-        change, inertia = before - after, self.has_inertia(wall)
+        direction, side = self._direction(wall, 0.0, self._low), self.guards[wall].side
+        return Contact(wall, side, self.positions[wall], self.rows[wall], direction)
+
+    def _direction(self, wall: int, phase: float, section: Sequence[float]) -> Array:
+        """The direction in which an impact changes the velocities, by one."""
+        d, row, inertia = self.size, self.rows[wall], self.has_inertia(wall)
+        change = np.array(self.before(wall, section)[1]) - self._after(wall, phase, section)[1]
         if not inertia.all():
             change = np.where(inertia, change, 0.0)
-            change += self._rates(wall)[:, self.size :] @ change
-        return Contact(wall, guard.side, self.positions[wall], row, change / (row @ change))
+            x, v = self.before(wall, (0.0, *section[1:]))
+            change += self._rates(wall, phase, x, v)[1][:, d:] @ change
+        found: Array = change / (row @ change)
+        return found
+
+    @functools.cached_property
+    def _holds(self) -> tuple[bool, ...]:
+        """Whether each guard is a wall against which the system can rest: impacts there push in one
+        direction, whatever the state."""
+        return tuple(
+            tracked and self._is_wall(k) and self._is_steady(k)
+            for k, tracked in enumerate(self.tracked)
+        )
+
+    def _is_steady(self, wall: int) -> bool:
+        """Whether the direction is that of low velocity at some states, taken at random."""
+        direction, generator = self.contact(wall).direction, np.random.default_rng(0)
+        for phase, *section in generator.uniform(0.0, 1.0, (SAMPLES, 2 * self.size)).tolist():
+            section[0] *= self.guards[wall].side
+            try:
+                found = self._direction(wall, phase * self.period, section)
+            except (ArithmeticError, ValueError):
+                return False
+            if not np.max(np.abs(found - direction)) <= STEADY * np.max(np.abs(direction)):
+                return False
+        return True
 
     def has_inertia(self, wall: int) -> Array:
         """Return which coordinates are of second order in the mode after a guard."""
         mode = self.guards[wall].next_mode
         return np.array(orders_of(self.kernels.model.MODES, mode, self.size)) == 2
 
-    def _rates(self, wall: int) -> Array:
-        """The factors of positions and velocities in the velocities of the other coordinates."""
-        start = [0.0] * (1 + 2 * self.size)
-        found = self.kernels.rates(self.guards[wall].name)(*start, *self.values)
-        return np.reshape(found, (self.size, 2 * self.size))
+    def _rates(
+        self, wall: int, phase: float, x: Sequence[float] | Array, v: Sequence[float] | Array
+    ) -> tuple[Array, Array]:
+        """The velocities of coordinates of first order, shape (d,), zero for others; and how they
+        change with positions and velocities, shape (d, 2 d)."""
+        rates, factors = self.kernels.rates(self.guards[wall].name)(phase, *x, *v, *self.values)
+        return np.array(rates), np.reshape(factors, (self.size, 2 * self.size))
 
     def moving(
         self, wall: int, phase: float, x: Sequence[float] | Array, v: Sequence[float] | Array
     ) -> Array:
         """Return positions and velocities in the mode after a guard, in which those of coordinates
         of first order are by their laws."""
-        inertia, d = self.has_inertia(wall), self.size
-        found = np.concatenate([x, v])
+        inertia = self.has_inertia(wall)
         if not inertia.all():
-            known = np.array(self.law(wall, phase, [0.0] * (2 * d - 1))[3][: 2 * d])
-            rates = known[d:] + self._rates(wall) @ (found - known)
-            found[d:] = np.where(inertia, found[d:], rates)
-        return found
+            v = np.where(inertia, v, self._rates(wall, phase, x, v)[0])
+        return np.concatenate([x, v])
 
-    def motion(self, mode: str, held: int) -> LinearMotion:
-        """Return the motion in a mode, some walls held."""
+    def motion(self, mode: str, held: int) -> ModeMotion:
+        """Return the motion in a mode whose flights are `tracked`, some walls held."""
         if (mode, held) not in self._motions:
             wall = next(k for k, guard in enumerate(self.guards) if guard.next_mode == mode)
-            d, h, numbers, _ = self.law(wall, 0.0, [0.0] * (2 * self.size - 1))
             contacts = [self.contact(k) for k in range(len(self.guards)) if held >> k & 1]
-            self._motions[mode, held] = LinearMotion(Shape(int(d), int(h), 0), numbers, contacts)
+            self._motions[mode, held] = self._moving_by_law(wall, contacts)
         return self._motions[mode, held]
 
-    def flying(self, wall: int, held: int) -> LinearMotion:
+    def _moving_by_law(self, wall: int, contacts: Sequence[Contact]) -> ModeMotion:
+        """The motion after a guard, some contacts held."""
+        name = self.guards[wall].name
+        if self.linear[wall]:
+            section = [0.0] * (2 * self.size - 1)
+            d, h, numbers, _ = self.kernels.law(name)(0.0, *section, *self.values)
+            return LinearMotion(Shape(int(d), int(h), 0), numbers, contacts)
+        field = self.kernels.field_text(name)
+        values = dict(zip(self.kernels.model.values, self.values, strict=True))
+        parameters = [values[p.removeprefix("p_")] for p in statement(field).parameters]
+        return IntegratedMotion(field, parameters, self.size, contacts)
+
+    def flying(self, wall: int, held: int) -> ModeMotion:
         """Return the motion after a guard, some walls held."""
         return self.motion(self.guards[wall].next_mode, held)
 
@@ -208,7 +252,7 @@ class Automaton:
     def _holdable(self) -> tuple[int, ...]:
         """The walls of the mode after each guard, a bit for each."""
         return tuple(
-            sum(1 << k for k, meets in enumerate(row) if meets and self._is_wall(k))
+            sum(1 << k for k, meets in enumerate(row) if meets and self._holds[k])
             for row in self.passages.watched
         )
 
@@ -233,7 +277,8 @@ class Automaton:
             held = state.held & ~(1 << state.wall)
             found = motion.embedded(*self.before(state.wall, state.section), state.phase)
         else:
-            found = np.array(self.law(state.wall, state.phase, state.section)[3])
+            x, v = self._after(state.wall, state.phase, state.section)
+            found = motion.embedded(x, v, state.phase)
             held = state.held & ~self._moved(found, state.held) & self._holdable[state.wall]
             if self._comes_to_rest(state, found, held):
                 held |= 1 << state.wall
@@ -271,12 +316,20 @@ class Automaton:
 
     def _stays_held(self, wall: int, after: Array, held: int, rest: float) -> bool:
         """Whether impacts that take so long are short, and leave walls that stay held."""
-        if not rest <= SHORT * self.period:
+        if not (self._holds[wall] and rest <= SHORT * self.period):
             return False
-        motion = self.flying(wall, held)
-        begin, length = motion.resting(after), SHORTEST * self.period
-        released = motion.release(motion.track(begin, length), begin)
-        return released is None or (released[0] > 0.0 and rest <= EARLY * released[0])
+        motion, length = self.flying(wall, held), SHORTEST * self.period
+        begin = motion.resting(after)
+        while length >= LEAST * self.period:
+            try:
+                released = motion.release(motion.track(begin, length))
+            except InputError:
+                raise
+            except ArithmeticError:  # the flow does not stay finite for so long
+                length *= 0.5
+            else:
+                return released is None or (released[0] > 0.0 and rest <= EARLY * released[0])
+        return False
 
     def _rest(self, wall: int, speed: float, acceleration: float) -> float:
         """The time in which impacts accumulate on a wall; infinite if they do not.
@@ -290,7 +343,7 @@ class Automaton:
 
     def _accumulates(self, state: State) -> bool:
         """Whether impacts accumulate on a wall that cannot be held."""
-        if self.linear[state.wall]:
+        if self._holds[state.wall]:
             return False
         motion = self.kernels.motion(self.guards[state.wall].name)
         acceleration = motion(state.phase, *state.section, 0.0, *self.values)[2]
@@ -307,7 +360,7 @@ class Automaton:
         resting = False
         for number, (window, held) in enumerate(self._windows(state)):
             resting = held != 0
-            if isinstance(window, LinearWindow) and not window.speed <= fastest:
+            if isinstance(window, TrackWindow) and not window.speed <= fastest:
                 return Outcome.RUNAWAY
             if number == 0 and (self._beyond(window, left) or (not held and self.passes(state))):
                 return Outcome.BEYOND
@@ -326,18 +379,12 @@ class Automaton:
         wall = state.wall
         short = abs(state.velocity) < SLOW * self.fastest
         lengths = windows(self.period, self.longest, short)
-        if self.linear[wall]:
+        if self.tracked[wall]:
             start, held = self.leave(state)
-            flown = linear_windows(self.flying(wall, held), start, state.phase, lengths)
-            for one in until_repeated(flown):
+            for one in track_windows(self.flying(wall, held), start, state.phase, lengths):
                 yield one, held
             return
-        guard = self.guards[wall]
-        if self.kernels.integrated(guard.name):
-            for part in integrated_windows(self.kernels, self.values, guard, state, lengths):
-                yield part, 0
-            return
-        known = (self.kernels, self.values, guard, self.positions[wall], state)
+        known = (self.kernels, self.values, self.guards[wall], self.positions[wall], state)
         for begin, length in lengths:
             yield KernelWindow(*known, begin, length), 0
 
@@ -351,15 +398,16 @@ class Automaton:
         """
         try:
             found = self._first(window, held, left, mode_of)
-        except (ArithmeticError, ValueError):
-            if isinstance(window, LinearWindow):
-                raise
-        else:
             return None if found is None else (found[0] + window.begin, found[1])
-        half = 0.5 * window.length
+        except InputError:
+            raise
+        except (ArithmeticError, ValueError):
+            half = 0.5 * window.length
         if half < LEAST * self.period:
-            rates = (window.beginning(self.guards[k[0]])[1] for k in self._watched(mode_of, held))
-            slow = all(abs(rate) <= CALM * fastest for rate in rates)
+            watched = (self.guards[k[0]] for k in self._watched(mode_of, held))
+            rates = [abs(window.beginning(guard)[1]) for guard in watched]
+            rates += [window.speed] if isinstance(window, TrackWindow) else []
+            slow = all(rate <= CALM * fastest for rate in rates)
             return Outcome.UNDEFINED if slow else Outcome.RUNAWAY
         for begin, first in ((window.begin, left), (window.begin + half, None)):
             part = replace(window, begin=begin, length=half)
@@ -432,7 +480,7 @@ class Automaton:
     ) -> int | None:
         """The wall on which a coordinate rests where a flight begins, without a force to rounding:
         it was released together with the wall left."""
-        if left is None or not isinstance(window, LinearWindow):
+        if left is None or not isinstance(window, TrackWindow):
             return None
         guard = self.guards[numbers[0]]
         for k in (k for k in numbers if self._is_wall(k)):
@@ -507,9 +555,10 @@ class Automaton:
 
     def law_in(self, mode: str) -> LinearMotion | None:
         """Return the motion in a mode, no wall held, if it is linear."""
-        after = zip(self.guards, self.linear, strict=True)
-        linear = all(is_linear for guard, is_linear in after if guard.next_mode == mode)
-        return self.motion(mode, 0) if linear else None
+        after = zip(self.guards, self.tracked, strict=True)
+        tracked = all(is_tracked for guard, is_tracked in after if guard.next_mode == mode)
+        motion = self.motion(mode, 0) if tracked else None
+        return motion if isinstance(motion, LinearMotion) else None
 
     def derivative(self, before: State, after: State) -> Array:
         """Return the derivative of the map from one row of a run to the next, shape (2 d, 2 d).
@@ -517,7 +566,7 @@ class Automaton:
         It is infinite where the velocity of the second vanishes.
         """
         simple = not (before.released or after.released or after.held)
-        found = (_segment_jacobian if simple else _linear_jacobian)(self, before, after)
+        found = (_segment_jacobian if simple else _track_jacobian)(self, before, after)
         return found if np.all(np.isfinite(found)) else np.full(found.shape, np.inf)
 
     def derivatives(self, states: Sequence[State]) -> Array:
@@ -601,7 +650,7 @@ class Automaton:
         for k in range(len(states) - 1):
             state, length = states[k], float(times[k + 1] - times[k])
             dt = np.linspace(0.0, length, points)
-            if self.linear[state.wall]:
+            if self.tracked[state.wall]:
                 x, v = self._gaps_by_law(state, states[k + 1].held, dt)
             else:
                 x, v = self._gaps_by_kernels(state, dt)
@@ -613,7 +662,7 @@ class Automaton:
         d, motion = self.size, self.flying(state.wall, held)
         begin, _ = self.leave(state)
         if dt[-1] > 0.0:
-            track = Track(Pieces(motion.shape, motion.numbers, float(dt[-1])), begin)
+            track = motion.track(begin, float(dt[-1]))
             found = np.array([track.at(t) for t in dt.tolist()])
         else:
             found = np.tile(begin, (len(dt), 1))
@@ -703,10 +752,12 @@ class Automaton:
         x, v = self.moving(wall, phase, position, velocity).reshape(2, -1)
         begin = motion.embedded(x, v, phase)
         lengths = windows(self.period, self.longest, short=False)
-        for window in until_repeated(linear_windows(motion, begin, phase, lengths)):
-            first = self._first(window, 0, None, wall)
+        for window in track_windows(motion, begin, phase, lengths):
+            first = self._first_in_parts(window, 0, None, wall, math.inf)
+            if isinstance(first, Outcome):
+                return None
             if first is not None:
-                at, passed = wrap_time(phase + window.begin + first[0], self.period)
+                at, passed = wrap_time(phase + first[0], self.period)
                 return self._through(replace(first[1], phase=at, turns=turns + passed))
         return None
 
@@ -714,7 +765,7 @@ class Automaton:
         """A guard that leads into the mode of a start; refused where the mode's flights are not
         known from anywhere, or the start lies beyond one of its guards."""
         wall, system = wall_into(self.kernels.model, mode), self.kernels.model.SYSTEM
-        if not self.linear[wall]:
+        if not self.tracked[wall]:
             found = f"the flights of {system} are known from guards on"
             raise InputError("position", found, "start at a guard")
         for k, (guard, row) in enumerate(zip(self.guards, self.rows, strict=True)):
@@ -786,13 +837,13 @@ def _segment_jacobians(automaton: Automaton, pairs: Sequence[tuple[State, State]
         return np.array([_segment_jacobian(automaton, *pair) for pair in pairs])
 
 
-def _linear_jacobian(automaton: Automaton, before: State, after: State) -> Array:
+def _track_jacobian(automaton: Automaton, before: State, after: State) -> Array:
     d = automaton.size
     motion = automaton.flying(before.wall, after.held)
     begin, _ = automaton.leave(before)
     left = _departure_derivative(automaton, motion, before)
     left[:, 0] -= motion.rate(begin)
-    disturbed = motion.flowed(after.since(before, automaton.period)) @ left
+    disturbed = motion.flowed(begin, after.since(before, automaton.period)) @ left
     row = automaton.rows[after.wall]
     end = motion.embedded(*automaton.before(after.wall, after.section), after.phase)
     with np.errstate(divide="ignore", invalid="ignore"):  # what only touches comes at any time
@@ -802,7 +853,7 @@ def _linear_jacobian(automaton: Automaton, before: State, after: State) -> Array
     return np.vstack([late, others @ moved])
 
 
-def _departure_derivative(automaton: Automaton, motion: LinearMotion, before: State) -> Array:
+def _departure_derivative(automaton: Automaton, motion: ModeMotion, before: State) -> Array:
     """How the state after an impact or a release depends on the time and the section coordinates
     before it, shape (2 d, 2 d)."""
     d, row = automaton.size, automaton.rows[before.wall]
@@ -813,21 +864,21 @@ def _departure_derivative(automaton: Automaton, motion: LinearMotion, before: St
         name = automaton.guards[before.wall].name
         found = jump_derivative(automaton.kernels, name, before, automaton.values)
     if motion.contacts:
-        pushed = motion.directions @ np.linalg.pinv(motion.rows @ motion.directions) @ motion.rows
+        pushed = motion.directions @ motion.inverse @ motion.rows
         found[:d] -= pushed @ found[:d]
         found[d:] -= pushed @ found[d:]
     return found
 
 
-def _delays(motion: LinearMotion, after: State, row: Array, end: Array) -> Array:
+def _delays(motion: ModeMotion, after: State, row: Array, end: Array) -> Array:
     """How much later the event comes, for each disturbance of the state."""
-    d = len(row)
-    rates = generator_of(motion.shape, motion.numbers) @ end
-    event = np.concatenate([row, np.zeros(len(end) - d)])
     if after.released:
         places = [contact.number for contact in motion.contacts]
-        event = motion.reactions[places.index(after.wall)]
-    found: Array = -event[: 2 * d] / (event @ rates)
+        slopes, rate = motion.reaction_slopes(places.index(after.wall), end)
+    else:
+        slopes = np.concatenate([row, np.zeros(len(row))])
+        rate = row @ motion.moving(end)[1]
+    found: Array = -slopes / np.float64(rate)
     return found
 
 

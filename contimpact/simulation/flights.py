@@ -29,137 +29,11 @@ from ..segments.flight import (
 from ..segments.integration import StepLimitError, statement
 from ..segments.kernel import Family
 from ..segments.kernels import Kernels
-from ..segments.linear_flow import Shape, flow
 from ..segments.oscillation import Motion
 from ..segments.segment import ARRAYS, Arithmetic, Kernel, evaluate_in
-from ..segments.track import IntegratedCurve, IntegratedTrack, Pieces, Track
+from ..segments.track import IntegratedCurve, IntegratedTrack
+from .motions import AT_ONCE, REPEATED, AnyTrack, Contact, ModeMotion
 from .run import Body, State
-
-# Linear motion of a mode, with guards against which the machine rests.
-#
-# A guard that is held keeps its gap coordinate :math:`n \cdot x` where it is. Its reaction acts
-# along the direction in which an impact there changes the velocities,
-#
-# .. math:: w = \frac{v - v^+}{n \cdot (v - v^+)}, \qquad n \cdot w = 1,
-#
-# so that no more than the impact's law has to be known of it. With the held rows n as the rows of N
-# and the directions w as the columns of W, the accelerations a of free motion become
-#
-# .. math:: a - W\lambda, \qquad \lambda = (NW)^{-1} N a .
-#
-# The constrained mode is thus a linear law again. A contact pushes as long as its :math:`\lambda`
-# has the sign of the guard's side, and is released where that changes (B. Brogliato, Nonsmooth
-# Mechanics, 2016, ch. 5).
-
-AT_ONCE = 1e-12
-"""A contact that pulls by this part of the sizes of its terms pulls by rounding."""
-
-
-@dataclass(frozen=True, eq=False)
-class Contact:
-    """A guard against which a machine can rest."""
-
-    number: int
-    """Number of the guard."""
-    side: int
-    position: float
-    row: Array
-    """Row n of the gap coordinate, shape (d,)."""
-    direction: Array
-    """Direction w in which an impact changes the velocities, shape (d,)."""
-
-
-class LinearMotion:
-    """The motion of a mode by a linear law (see `linear_flow.flow`), some contacts held."""
-
-    def __init__(
-        self, shape: Shape, numbers: Sequence[float], contacts: Sequence[Contact] = ()
-    ) -> None:
-        self.shape, self.contacts = shape, tuple(contacts)
-        d, size = shape.freedom, shape.freedom * shape.size
-        free = np.array(numbers[:size], dtype=float).reshape(d, -1)
-        self.frequencies = tuple(numbers[size : size + shape.waves])
-        self.rows = np.array([c.row for c in contacts]).reshape(-1, d)
-        self.directions = np.array([c.direction for c in contacts]).reshape(-1, d).T
-        self.reactions = np.linalg.pinv(self.rows @ self.directions) @ self.rows @ free
-        self.accelerations = free - self.directions @ self.reactions
-        self.numbers = [*self.accelerations.ravel().tolist(), *self.frequencies]
-        self._pieces: dict[float, Pieces] = {}
-
-    def track(self, state: Array, length: float) -> Track:
-        """Return the track of a flight from a state X."""
-        if length not in self._pieces:
-            self._pieces[length] = Pieces(self.shape, self.numbers, length)
-        return Track(self._pieces[length], state)
-
-    def embedded(
-        self, x: Sequence[float] | Array, v: Sequence[float] | Array, phase: float
-    ) -> Array:
-        """Return X from positions and velocities at a phase."""
-        angles = np.array(self.frequencies) * phase
-        waves = np.stack([np.cos(angles), np.sin(angles)], axis=-1).ravel()
-        return np.concatenate([x, v, waves, [1.0]])
-
-    def resting(self, state: Array) -> Array:
-        """Return X with the held coordinates where their guards are, and at rest; velocities that
-        cancel to rounding are none."""
-        d = self.shape.freedom
-        found = state.copy()
-        if self.contacts:
-            inverse = np.linalg.pinv(self.rows @ self.directions)
-            places = np.array([c.position for c in self.contacts])
-            found[:d] -= self.directions @ (inverse @ (self.rows @ found[:d] - places))
-            v = found[d : 2 * d]
-            impulses = inverse @ (self.rows @ v)
-            rounding = REPEATED * (np.abs(v) + np.abs(self.directions) @ np.abs(impulses))
-            v -= self.directions @ impulses
-            v[np.abs(v) <= rounding] = 0.0
-        return found
-
-    def moving(self, state: Array) -> Array:
-        """Return positions and velocities of X, shape (2, d)."""
-        return state[: 2 * self.shape.freedom].reshape(2, -1)
-
-    def rate(self, state: Array) -> Array:
-        """Return how positions and velocities change, shape (2 d,)."""
-        d = self.shape.freedom
-        return np.concatenate([state[d : 2 * d], self.accelerations @ state])
-
-    def flowed(self, duration: float) -> Array:
-        """Return the derivative of the state after a duration by the state, shape (2 d, 2 d)."""
-        d, h, _ = self.shape
-        tables = np.array(flow(d, h, 0, duration, *self.numbers)).reshape(4, d, -1)
-        mean, end = duration * tables[0, :, : 2 * d], tables[1, :, : 2 * d]
-        return np.concatenate([np.eye(d, 2 * d) + mean, end])
-
-    def release(self, track: Track, state: Array) -> tuple[float, Contact] | None:
-        """Return when, on a track that starts at a state, a contact ceases to push, and which.
-
-        None if all of them push to the end of the track.
-        """
-        found = [
-            (when, contact)
-            for contact, weights in zip(self.contacts, self.reactions, strict=True)
-            if (when := _first_negative(track, contact.side * weights, state)) is not None
-        ]
-        return min(found, key=lambda pair: pair[0], default=None)
-
-
-def _first_negative(track: Track, weights: Array, state: Array) -> float | None:
-    """When a linear combination of X becomes negative; 0 if it is so from the start."""
-
-    def negative(at: Array) -> bool:
-        return bool(weights @ at < -AT_ONCE * (np.abs(weights) @ np.abs(at)))
-
-    times = track.changes(weights)
-    ends = [*times, track.pieces.length]
-    if negative(state) or negative(track.at(0.5 * ends[0])):
-        return 0.0
-    after = (
-        weights @ track.at(0.5 * (t + end)) < 0.0 for t, end in zip(times, ends[1:], strict=True)
-    )
-    return next((t for t, below in zip(times, after, strict=True) if below), None)
-
 
 # Flights that are integrated, from one impact to the next: first arrivals on Taylor polynomials.
 #
@@ -462,8 +336,6 @@ Coordinate: TypeAlias = tuple[Motion, list[float], float]
 """A gap coordinate in a window: its displacement, velocity and acceleration, the times between
 which the acceleration has one sign, and where displacements are measured from."""
 
-REPEATED = 4e-16
-"""States that differ by less, by their size, are one to rounding."""
 SHORTEST = 0.125
 """The first window of flights that may be short, in periods."""
 
@@ -477,18 +349,56 @@ def windows(period: float, longest: int, short: bool) -> Iterator[tuple[float, f
         yield (begin + turn) * period, period
 
 
+@dataclass(frozen=True, eq=False)
 class TrackWindow:
-    """A part of a flight that is known by a track."""
+    """A part of a flight that is known by a track: its first time, since the flight's start, and
+    its duration."""
 
-    track: Any
-    moving: Any
-    """Positions and velocities at the window's beginning, shape (2, d)."""
-    at: Any
-    """Returns the same some time after."""
+    motion: ModeMotion
+    given: Array
+    """X at a time of the flight."""
+    known: float
+    """That time, since the flight's start: the window's beginning, or before."""
+    phase: float
+    """Of the flight's start."""
+    begin: float
+    length: float
+
+    @functools.cached_property
+    def state(self) -> Array:
+        """X at the window's beginning."""
+        if self.begin == self.known:
+            return self.given
+        return replace(self, begin=self.known, length=self.begin - self.known).end
+
+    @functools.cached_property
+    def track(self) -> AnyTrack:
+        return self.motion.track(self.state, self.length)
+
+    @property
+    def end(self) -> Array:
+        """X at the window's end."""
+        motion, time = self.motion, self.phase + self.begin + self.length
+        x, v = motion.moving(self.track.at(self.length))
+        return motion.resting(motion.embedded(x, v, time))
+
+    @property
+    def moving(self) -> Array:
+        """Positions and velocities at the window's beginning, shape (2, d)."""
+        return self.motion.moving(self.state)
+
+    @property
+    def speed(self) -> float:
+        """The largest velocity at the window's beginning."""
+        return float(np.max(np.abs(self.moving[1])))
+
+    def at(self, dt: float) -> Array:
+        """Return positions and velocities some time after."""
+        return self.motion.moving(self.motion.resting(self.track.at(dt)))
 
     def coordinate(self, guard: Guard) -> Coordinate:
         """Return how a guard's gap coordinate moves; times count from the window's beginning."""
-        row = guard.row(self.moving.shape[1])
+        row = guard.row(self.motion.freedom)
         curve = self.track.along(row, from_start=True)
         return curve, curve.breaks(), float(self.moving[0] @ row)
 
@@ -502,154 +412,47 @@ class TrackWindow:
         """Return the rounding error of a gap coordinate's velocity at the window's beginning."""
         return REPEATED * float(np.abs(guard.row(self.moving.shape[1])) @ np.abs(self.moving[1]))
 
+    def bounds(self, guard: Guard) -> tuple[float, float]:
+        """Return bounds of a guard's gap coordinate in the window."""
+        return self.track.bounds(guard.row(self.motion.freedom))
+
     def section(self, guard: Guard, dt: float, speed: float) -> tuple[float, ...]:
         """Return the section coordinates at a guard, from the gap coordinate's velocity there."""
         x, v = self.at(dt).tolist()
         others = [i for i in range(len(x)) if i != pivot(guard.row(len(x)))]
         return (speed, *(part[i] for i in others for part in (x, v)))
 
-
-@dataclass(frozen=True, eq=False)
-class LinearWindow(TrackWindow):
-    """A part of a linear flight: its first time, since the flight's start, and its duration."""
-
-    motion: LinearMotion
-    track: Track
-    state: Array
-    """X at the window's beginning."""
-    begin: float
-    length: float
-
-    @property
-    def moving(self) -> Array:
-        return self.motion.moving(self.state)
-
-    def at(self, dt: float) -> Array:
-        return self.motion.moving(self.motion.resting(self.track.at(dt)))
-
-    @property
-    def speed(self) -> float:
-        """The largest velocity at the window's beginning."""
-        return float(np.max(np.abs(self.moving[1])))
-
-    def bounds(self, guard: Guard) -> tuple[float, float]:
-        """Return bounds of a guard's gap coordinate in the window."""
-        return self.track.bounds(guard.row(self.motion.shape.freedom))
-
     def rests(self, guard: Guard, position: float, period: float) -> bool:
         """Whether a gap coordinate is at a position, at rest and without a force, to rounding."""
-        row, (x, v) = np.array(guard.row(self.motion.shape.freedom)), self.moving
-        weights = row @ self.motion.accelerations
-        force = AT_ONCE * float(
-            np.abs(row) @ np.abs(self.motion.accelerations) @ np.abs(self.state)
-        )
+        row, (x, v) = np.array(guard.row(self.motion.freedom), dtype=float), self.moving
+        value, size = self.motion.force(row, self.state, self.track)
+        force = AT_ONCE * size
         return bool(
             abs(row @ x - position) <= AT_ONCE * float(np.abs(row) @ np.abs(x)) + force * period**2
             and abs(row @ v) <= force * period
-            and abs(weights @ self.state) <= force
+            and abs(value) <= force
         )
 
     def release(self) -> tuple[float, Contact] | None:
         """Return when a contact is released in it, and which."""
-        return self.motion.release(self.track, self.state)
+        return self.motion.release(self.track)
 
 
-def linear_windows(
-    motion: LinearMotion, state: Array, phase: float, lengths: Iterable[tuple[float, float]]
-) -> Iterator[LinearWindow]:
-    """Yield the windows of a flight from a state X at a phase, by their begins and lengths."""
+def track_windows(
+    motion: ModeMotion, state: Array, phase: float, lengths: Iterable[tuple[float, float]]
+) -> Iterator[TrackWindow]:
+    """Yield the windows of a flight from a state X at a phase, by their begins and lengths, until
+    one is the one before it again, to rounding: what meets no guard in it meets none in any that
+    follows."""
+    window = None
     for begin, length in lengths:
-        track = motion.track(state, length)
-        yield LinearWindow(motion, track, state, begin, length)
-        x, v = motion.moving(track.at(length))
-        state = motion.resting(motion.embedded(x, v, phase + begin + length))
-
-
-@dataclass(frozen=True, eq=False)
-class IntegratedWindow(TrackWindow):
-    """The same of a flight that is integrated."""
-
-    field: str
-    numbers: Sequence[float]
-    """What `integration.flown` takes of the field's flight from a known state on."""
-    known: float
-    """When that is, since the flight's start: at the window's beginning or before."""
-    size: int
-    """Coordinates of the model, of which the mode has the first ones."""
-    begin: float
-    length: float
-
-    @functools.cached_property
-    def moving(self) -> Array:
-        if self.begin == self.known:
-            own = statement(self.field).freedom
-            return self._whole(*np.reshape(self.numbers[1 : 1 + 2 * own], (2, own)))
-        before = replace(self, begin=self.known, length=self.begin - self.known)
-        return before.at(before.length)
-
-    @functools.cached_property
-    def track(self) -> IntegratedTrack:
-        return IntegratedTrack(self.field, self._from(self.begin, self.moving), self.length)
-
-    def then(self, begin: float, length: float) -> IntegratedWindow:
-        """Return the window that begins where this one ends."""
-        numbers = self._from(self.begin + self.length, self.at(self.length))
-        return replace(self, numbers=numbers, known=begin, begin=begin, length=length)
-
-    def _from(self, begin: float, moving: Array) -> list[float]:
-        """What `integration.flown` takes from a state on."""
-        own = statement(self.field).freedom
-        moved = self.numbers[0] + (begin - self.known)
-        return [moved, *moving[:, :own].ravel().tolist(), *self.numbers[1 + 2 * own :]]
-
-    def at(self, dt: float) -> Array:
-        found = self.track.at(np.array([dt]))
-        return self._whole(found[0][0], found[1][0])
-
-    def _whole(self, x: Array, v: Array) -> Array:
-        """The state of all coordinates: those that the mode does not have are at zero."""
-        whole = np.zeros((2, self.size))
-        whole[:, : len(x)] = x, v
-        return whole
-
-    def bounds(self, guard: Guard) -> tuple[float, float]:
-        return self.track.along(guard.row(self.size)).bounds()
-
-    def release(self) -> None:
-        """Nothing is held here."""
-
-
-def integrated_windows(
-    kernels: Kernels,
-    values: Sequence[float],
-    guard: Guard,
-    start: State,
-    lengths: Iterable[tuple[float, float]],
-) -> Iterator[IntegratedWindow]:
-    """Yield the windows of a flight from a state before a guard, by their begins and lengths."""
-    field, numbers = kernels.field(guard.name)(start.phase, *start.section, *values)
-    size, window = kernels.model.DEGREES_OF_FREEDOM, None
-    for part in lengths:
-        if window is None:
-            window = IntegratedWindow(field, numbers, part[0], size, *part)
-        else:
-            window = window.then(*part)
-        yield window
-
-
-def until_repeated(found: Iterable[LinearWindow]) -> Iterator[LinearWindow]:
-    """Yield windows of a flight until one is the one before it again, to rounding.
-
-    What meets no guard in it meets none in any that follows.
-    """
-    before = None
-    for window in found:
-        if before is not None and window.length == before.length:
-            apart = np.max(np.abs(window.state - before.state))
-            if apart <= REPEATED * np.max(np.abs(window.state)):
+        before, state = window, state if window is None else window.end
+        window = TrackWindow(motion, state, begin, phase, begin, length)
+        if before is not None and length == before.length:
+            apart = np.max(np.abs(window.moving - before.moving))
+            if apart <= REPEATED * np.max(np.abs(state)):
                 return
         yield window
-        before = window
 
 
 @dataclass(frozen=True, eq=False)
@@ -707,17 +510,38 @@ class KernelWindow:
         """Nothing is held here."""
 
 
-Window: TypeAlias = LinearWindow | IntegratedWindow | KernelWindow
+Window: TypeAlias = TrackWindow | KernelWindow
+
+
+def departure_of(
+    kernels: Kernels, guard: str, arithmetic: Arithmetic
+) -> Callable[..., tuple[Sequence[Any], Sequence[Any]]]:
+    """Return a function of a time, section coordinates and parameters: positions and velocities
+    with which flights leave a guard, linear or integrated ones, in an arithmetic; of the
+    coordinates that the mode has."""
+    integrated = kernels.integrated(guard)
+    kernel = evaluate_in((kernels.field if integrated else kernels.law)(guard), arithmetic)
+
+    def depart(*given: Any) -> tuple[Sequence[Any], Sequence[Any]]:
+        if integrated:
+            field, numbers = kernel(*given)
+            size, state = statement(field).freedom, numbers[1:]
+        else:
+            size, state = kernels.model.DEGREES_OF_FREEDOM, kernel(*given)[3]
+        return state[:size], state[size : 2 * size]
+
+    return depart
 
 
 def jump_derivative(kernels: Kernels, guard: str, state: State, values: Sequence[float]) -> Array:
     """Return how positions and velocities after an impact on a guard depend on the time and the
     section coordinates before it, shape (2 d, 2 d)."""
-    law, d = evaluate_in(kernels.law(guard), FLOAT_SERIES), kernels.model.DEGREES_OF_FREEDOM
-    columns = []
+    depart, d = departure_of(kernels, guard, FLOAT_SERIES), kernels.model.DEGREES_OF_FREEDOM
+    found = np.zeros((2 * d, 2 * d))
     for j in range(2 * d):
-        before = (state.phase, *state.section)
-        given = [Series([y, float(i == j)]) for i, y in enumerate(before)]
-        after = law(*given, *values)[3][: 2 * d]
-        columns.append([float(e.coefficients[1]) if isinstance(e, Series) else 0.0 for e in after])
-    return np.array(columns).T
+        given = [Series([y, float(i == j)]) for i, y in enumerate((state.phase, *state.section))]
+        for begin, part in zip((0, d), depart(*given, *values), strict=True):
+            for i, e in enumerate(part):
+                slope = e.coefficients[1] if isinstance(e, Series) else 0.0
+                found[begin + i, j] = float(slope)
+    return found

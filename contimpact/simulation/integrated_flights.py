@@ -25,7 +25,7 @@ from ..segments.integration import statement
 from ..segments.kernels import Kernels
 from ..segments.oscillation import MOST, ROW, FollowedFlight, motion_of_gap, row_of, row_of_compiled
 from ..segments.segment import Kernel
-from ..segments.taylor import departure_kernel, field_of, has_series, path_by_series
+from ..segments.taylor import departure_kernel, has_series, path_by_series
 from .flights import FIRST, LEAST, NUDGE
 from .run import (
     BEYOND,
@@ -239,7 +239,7 @@ class IntegratedRuns(Runs):
         kernels = given.kernels
         guards, d = kernels.model.WALLS, kernels.model.DEGREES_OF_FREEDOM
         own = [kernels.field(guard.name) for guard in guards]
-        laws = [(guard.next_mode, field_of(k)) for guard, k in zip(guards, own, strict=True)]
+        laws = [(guard.next_mode, kernels.field_text(guard.name)) for guard in guards]
         given = given._replace(laws=laws)
         common, rows = given.vectors(2 * d), given.all_rows
         law, fields = common["law"], [field for _, field in dict.fromkeys(given.laws)]
@@ -280,10 +280,8 @@ def has_compiled_flights(kernels: Kernels) -> bool:
     for guard in model.WALLS:
         if not kernels.integrated(guard.name):
             return False
-        field, orders = (
-            field_of(kernels.field(guard.name)),
-            orders_of(model.MODES, guard.next_mode, size),
-        )
+        field = kernels.field_text(guard.name)
+        orders = orders_of(model.MODES, guard.next_mode, size)
         n = statement(field).freedom
         if not has_series(field) or 0 in orders[:n] or any(orders[n:]):
             return False

@@ -31,7 +31,7 @@ from ..segments.flight import hit_between
 from ..segments.linear_flow import Shape, generator_of, mean_of, scales_of
 from ..segments.segment import Kernel
 from ..segments.track import turns_of
-from .flights import REPEATED
+from .motions import REPEATED
 from .run import (
     BEYOND,
     COLUMNS,

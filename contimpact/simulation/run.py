@@ -43,7 +43,7 @@ class Outcome(enum.Enum):
     RESTING = "the body rests on a wall, which the acceleration never leaves"
     NO_IMPACT = "the body flew on without an impact for as long as a flight may last"
     RUNAWAY = "the motion runs away: it is a million times faster than its start and its forcing"
-    ACCUMULATING = "impacts accumulate where no wall can be held; a rigid one on linear flights can"
+    ACCUMULATING = "impacts accumulate where no wall can be held: see the docs on sticking"
     BEYOND = (
         "a jump led behind a guard of the next mode, where the system does not say how to go on"
     )

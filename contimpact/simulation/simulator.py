@@ -33,7 +33,7 @@ from ..segments.integration import statement
 from ..segments.kernel import SECTION
 from ..segments.kernels import Kernels
 from ..segments.track import IntegratedTrack, integrated_track
-from .flights import LinearMotion
+from .motions import LinearMotion
 from .one_coordinate import OneCoordinate
 from .run import DONE, LEFT, OUTCOMES, Call, Outcome, PassageRule, Run, State, states_of, wall_into
 
@@ -614,7 +614,7 @@ def _fixed_point(motion: LinearMotion, simulator: Simulator, mode: str) -> tuple
     embedding = np.array([moving(unit) for unit in np.eye(2 * d)[state]]).T - at_rest[:, None]
     begin = motion.embedded(at_rest[:d], at_rest[d:], 0.0)
     forced = motion.track(begin, period).at(period)[state]
-    derivative = motion.flowed(period)[state] @ embedding
+    derivative = motion.flowed(begin, period)[state] @ embedding
     if not float(np.max(np.abs(np.linalg.eigvals(derivative)))) < CONTRACTS:
         return None
     found: Array = at_rest + embedding @ np.linalg.solve(np.eye(len(state)) - derivative, forced)

@@ -254,10 +254,23 @@ def test_a_box_beyond_the_walls_is_named_as_in_the_scene(tmp_path, capsys):
 
 
 def test_flights_that_start_at_guards_are_refused_before_anything_is_simulated(tmp_path, capsys):
+    """In a mode of fewer coordinates, with a closed form."""
     path = tmp_path / "scene.toml"
-    text = (ROOT / "branches/coco_stick_slip/scene.toml").read_text("utf-8")
-    given = "\n[simulate]\nfractions = [0.9]\nbox = { position = [[0, 0.1], [0, 0]] }\n"
-    path.write_text(text.partition("\n[simulate]")[0] + given, encoding="utf-8")
+    path.write_text("""
+name = "modes"
+model.system = "hybrid"
+model.period = "2*pi/w"
+model.parameters = { w = 0.4, r = 0.4 }
+follow = { parameter = "w", range = [0.1, 1.0], orbits = ["AJL"] }
+simulate = { fractions = [0.4], box = { position = [[-0.1, 0.1], [0, 0]] } }
+[model.modes]
+small = { x = "v", v = "-x + 2*cos(w*t)" }
+big = { x = "v", v = "-x + 2*cos(w*t) + (y - x)/2", y = "s", s = "-y - s/5 - (y - x)/2" }
+[model.guards]
+A = { mode = "small", within = "x <= 0.2", set = { v = "-r*v" } }
+J = { mode = "small", within = "x >= -0.3", to = "big", set = { y = "0*x", s = "v" } }
+L = { mode = "big", within = "x <= 0.1", to = "small" }
+""")
     assert main(["simulate", str(path), "-o", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
     assert "simulate.box.position: the flights of hybrid are known from guards on" in said

@@ -19,7 +19,7 @@ from contimpact.orbits.search import find_orbits
 from contimpact.results.options import Settling
 from contimpact.results.scene import read_scene
 from contimpact.simulation.attractor import Attractor, Kind
-from contimpact.simulation.automaton import _linear_jacobian, _segment_jacobian
+from contimpact.simulation.automaton import _segment_jacobian, _track_jacobian
 from contimpact.simulation.run import State
 from contimpact.simulation.settle import exponents_of, settle
 from contimpact.simulation.simulator import Simulator
@@ -202,9 +202,7 @@ def test_both_ways_to_the_derivative_agree():
     states = simulator.run(simulator.state("A", 0.2, 1.0, [0.1, 0.2]), impacts=12).states()
     assert {state.wall for state in states} == {0, 1}
     for pair in itertools.pairwise(states):
-        one, other = (
-            way(simulator.machine, *pair) for way in (_segment_jacobian, _linear_jacobian)
-        )
+        one, other = (way(simulator.machine, *pair) for way in (_segment_jacobian, _track_jacobian))
         assert one == pytest.approx(other, abs=1e-10 * np.max(np.abs(one)))
 
 
