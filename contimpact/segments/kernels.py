@@ -346,6 +346,11 @@ class Kernels:
         orders = orders_of(model.MODES, model.guard(a).next_mode, size)
         return all(orders) and self.motion(a).family is Family.LINEAR
 
+    @_known
+    def has_law(self, a: str) -> bool:
+        """Whether it is one of the coordinates that its mode has, which may be fewer."""
+        return self._moving(a).family is Family.LINEAR
+
     def mechanical(self, a: str) -> bool:
         """Whether it is linear, and all coordinates have inertia."""
         model, size = self.model, self.model.DEGREES_OF_FREEDOM

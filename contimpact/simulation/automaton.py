@@ -128,8 +128,8 @@ class Automaton:
 
     @functools.cached_property
     def linear(self) -> tuple[bool, ...]:
-        """Whether the flight after each guard is a linear one."""
-        return tuple(self.kernels.linear(guard.name) for guard in self.guards)
+        """Whether the flight after each guard is a linear one of the coordinates that there are."""
+        return tuple(self.kernels.has_law(guard.name) for guard in self.guards)
 
     @functools.cached_property
     def tracked(self) -> tuple[bool, ...]:
@@ -238,7 +238,7 @@ class Automaton:
         if self.linear[wall]:
             section = [0.0] * (2 * self.size - 1)
             d, h, numbers, _ = self.kernels.law(name)(0.0, *section, *self.values)
-            return LinearMotion(Shape(int(d), int(h), 0), numbers, contacts)
+            return LinearMotion(Shape(int(d), int(h), 0), numbers, self.size, contacts)
         field = self.kernels.field_text(name)
         values = dict(zip(self.kernels.model.values, self.values, strict=True))
         parameters = [values[p.removeprefix("p_")] for p in statement(field).parameters]

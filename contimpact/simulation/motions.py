@@ -167,15 +167,22 @@ def _first_pull(
 
 
 class LinearMotion(ModeMotion):
-    """The motion of a mode by a linear law; see `linear_flow.flow`."""
+    """The motion of a mode by a linear law; see `linear_flow.flow`.
+
+    The mode has the first of the `freedom` coordinates, whose law has this shape.
+    """
 
     def __init__(
-        self, shape: Shape, numbers: Sequence[float], contacts: Sequence[Contact] = ()
+        self, shape: Shape, numbers: Sequence[float], freedom: int, contacts: Sequence[Contact] = ()
     ) -> None:
-        super().__init__(shape.freedom, contacts)
-        self.shape = shape
-        d, size = shape.freedom, shape.freedom * shape.size
-        free = np.array(numbers[:size], dtype=float).reshape(d, -1)
+        super().__init__(freedom, contacts)
+        n, size = shape.freedom, shape.freedom * shape.size
+        self.own = n
+        parts = np.split(np.reshape(numbers[:size], (n, -1)), [n, 2 * n], axis=1)
+        none = (0, freedom - n), (0, freedom - n)
+        state = (np.pad(part, none) for part in parts[:2])
+        free = np.hstack([*state, np.pad(parts[2], (none[0], (0, 0)))])
+        self.shape = shape._replace(freedom=freedom)
         self.frequencies = tuple(numbers[size : size + shape.waves])
         self.reactions = self.inverse @ self.rows @ free
         self.accelerations = free - self.directions @ self.reactions

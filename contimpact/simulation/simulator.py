@@ -605,7 +605,8 @@ def _fixed_point(motion: LinearMotion, simulator: Simulator, mode: str) -> tuple
     d, period = motion.shape.freedom, simulator.period
     machine = cast("Automaton", simulator.machine)
     wall = wall_into(simulator.model, mode)
-    state = np.flatnonzero(np.concatenate([np.ones(d), machine.has_inertia(wall)]))
+    own = np.arange(d) < motion.own
+    state = np.flatnonzero(np.concatenate([own, machine.has_inertia(wall)]))
 
     def moving(row: Array) -> Array:
         return machine.moving(wall, 0.0, *row.reshape(2, -1))

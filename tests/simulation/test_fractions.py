@@ -9,7 +9,7 @@ import re
 import numpy as np
 import pytest
 from scipy import stats
-from zoo import ROOT, TWO_MASSES
+from zoo import ROOT, TWO_MASSES, ProportionalMasses
 
 import contimpact as ci
 from contimpact.cli import main
@@ -17,7 +17,7 @@ from contimpact.errors import InputError
 from contimpact.plots.attractors import plot_fractions, plot_sweep
 from contimpact.results.options import Settling
 from contimpact.simulation import integrity
-from contimpact.simulation.integrity import basin_fractions, join_values, start_box
+from contimpact.simulation.integrity import basin_fractions, join_values, require_starts, start_box
 from contimpact.simulation.settle import settle_again
 from contimpact.simulation.simulator import Simulator
 from contimpact.simulation.sweep import Simulators, find_attractors, sweep
@@ -253,28 +253,14 @@ def test_a_box_beyond_the_walls_is_named_as_in_the_scene(tmp_path, capsys):
     assert "simulate.box.position: 1000 starts in a row beyond" in capsys.readouterr().err
 
 
-def test_flights_that_start_at_guards_are_refused_before_anything_is_simulated(tmp_path, capsys):
-    """In a mode of fewer coordinates, with a closed form."""
-    path = tmp_path / "scene.toml"
-    path.write_text("""
-name = "modes"
-model.system = "hybrid"
-model.period = "2*pi/w"
-model.parameters = { w = 0.4, r = 0.4 }
-follow = { parameter = "w", range = [0.1, 1.0], orbits = ["AJL"] }
-simulate = { fractions = [0.4], box = { position = [[-0.1, 0.1], [0, 0]] } }
-[model.modes]
-small = { x = "v", v = "-x + 2*cos(w*t)" }
-big = { x = "v", v = "-x + 2*cos(w*t) + (y - x)/2", y = "s", s = "-y - s/5 - (y - x)/2" }
-[model.guards]
-A = { mode = "small", within = "x <= 0.2", set = { v = "-r*v" } }
-J = { mode = "small", within = "x >= -0.3", to = "big", set = { y = "0*x", s = "v" } }
-L = { mode = "big", within = "x <= 0.1", to = "small" }
-""")
-    assert main(["simulate", str(path), "-o", str(tmp_path / "out")]) == 2
-    said = capsys.readouterr().err
-    assert "simulate.box.position: the flights of hybrid are known from guards on" in said
-    assert "sweep" not in said
+def test_flights_that_start_at_guards_are_refused():
+    """Those of a closed form that a system of one's own states."""
+    model = ProportionalMasses(k1=1.0, k2=0.6, omega=0.3, r=0.3, a=2.0, c=0.07, sigma=0.0)
+    said = (
+        r"simulate\.box\.position: the flights of two-proportional-masses are known from guards on"
+    )
+    with pytest.raises(InputError, match=said):
+        require_starts(Simulator(model), {"position": [[-0.1, 0.0], [0.0, 0.1]]})
 
 
 @pytest.mark.full

@@ -287,25 +287,28 @@ def modes_of_two(force, other):
     return Simulator(model_of(modes, MODES_OF_TWO, MASS_VALUES | {"a": 2.0, "w": 0.4}))
 
 
-@pytest.mark.parametrize("other", ["", " - x**3/3"], ids=["linear", "integrated"])
+@pytest.mark.parametrize("other", ["", " - x**3/3"], ids=["other linear", "other integrated"])
+@pytest.mark.parametrize("spring", [0.0, 1.0], ids=["linear", "integrated"])
 @pytest.mark.full
-def test_a_wall_is_held_in_a_mode_of_fewer_coordinates(other):
+def test_a_wall_is_held_in_a_mode_of_fewer_coordinates(spring, other):
     """The mode of two coordinates is linear, or integrated, too; in that of one it is as of one
     coordinate alone, which has no reaction of the other."""
-    simulator = modes_of_two(" - x**3/3", other)
+    simulator = modes_of_two(" - x**3/3" if spring else "", other)
     run = simulator.run(simulator.state("A", 0.3, 1.0, [0.0, 0.0]), impacts=80)
     release = next(k for k in range(80) if run.released[k])
-    held = 0.2 + 0.2**3 / 3.0
+    held = 0.2 + spring * 0.2**3 / 3.0
     assert run.times[release] == pytest.approx(np.arccos(held / 2.0) / 0.4, abs=1e-12)
     found = settle(simulator, run.end)
     assert (found.kind, found.word, found.period) == (Kind.STICKING, "A*JBL", 1)
 
 
-@pytest.mark.full
-def test_a_closed_form_of_fewer_coordinates_holds_no_wall():
-    simulator = modes_of_two("", "")
-    run = simulator.run(simulator.state("A", 0.3, 1.0, [0.0, 0.0]), impacts=80)
-    assert run.outcome is Outcome.ACCUMULATING
+def test_motion_without_impacts_is_known_in_a_mode_of_fewer_coordinates():
+    simulator = Simulator(modes_of_two("", "").model.replace(a=0.01))
+    found = settle(simulator, None, mode="small")
+    response = 0.01 / complex(1.0 - 0.4**2, 0.1 * 0.4)
+    assert found.kind is Kind.NO_IMPACT
+    expected = response.real, -0.4 * response.imag, 0.0, 0.0
+    assert found.motion == pytest.approx(expected, abs=1e-15)
 
 
 RESTING = {"x": "u", "u": "1 - u/5 + cos(w*t)/5 + x**3", "y": "v", "v": "-y - v/5 - y**3"}
