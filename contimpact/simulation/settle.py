@@ -40,7 +40,7 @@ from .attractor import (
 )
 from .flights import jump_derivative
 from .one_coordinate import OneCoordinate
-from .run import Outcome, Run, State
+from .run import Outcome, Run, State, states_of
 from .simulator import Simulator, as_simulator, free_motion, limit_cycle, state_after
 
 # Lyapunov exponents, by the contraction along impacts.
@@ -730,7 +730,7 @@ def settle_again(
     None if that cannot be told: its motion is not known, or cannot be started without an impact.
     """
     if attractor.state is not None:
-        return settle(simulator, attractor.state, settling)
+        return settle(simulator, _start_near(simulator, attractor, attractor.state), settling)
     if attractor.motion is None:
         return None
     for part in TIMES:
@@ -746,6 +746,20 @@ def settle_again(
             found = without_impact(simulator, attractor.mode, attractor.motion)
             return _of_model(found, simulator.model)
     return None
+
+
+def _start_near(simulator: Simulator, attractor: Attractor, state: State) -> State:
+    """The state, or an impact of the attractor after which motion begins within its guards: after
+    one at the edge of sliding it does at its own parameter values alone."""
+    a, tried = attractor, slice(FIRST)
+    if not len(a.others):
+        return state
+    columns = a.walls, a.times, a.velocities, 0 * a.walls, a.others, a.held, a.released
+    others = (replace(s.within(simulator.period), turns=0) for s in states_of([*columns])[tried])
+    for start in (state, *others):
+        if simulator.run(start, impacts=1, record=False).outcome is not Outcome.BEYOND:
+            return start
+    return state
 
 
 def complex_notation(rates: Sequence[float]) -> str:

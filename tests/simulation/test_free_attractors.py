@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import itertools
 import math
+import tomllib
 
 import mpmath
 import numpy as np
@@ -18,9 +19,12 @@ from contimpact.diagrams.scene_simulation import simulate, write_simulation
 from contimpact.errors import InputError
 from contimpact.models.guards import Word
 from contimpact.results.options import Settling
+from contimpact.results.scene import read_scene
 from contimpact.simulation.attractor import Kind
 from contimpact.simulation.files import sweep_of
+from contimpact.simulation.run import Outcome
 from contimpact.simulation.settle import settle_again
+from contimpact.simulation.simulator import Simulator
 from contimpact.simulation.sweep import Simulators, cover, same_attractor
 from contimpact.simulation.transitions import find_transitions
 from contimpact.systems.belt import Belt
@@ -409,3 +413,63 @@ def test_sweeps_go_on_from_value_to_value():
     first = ci.settle(simulators.at(-0.1))
     led = simulators.lead(first, -0.09, Settling())
     assert same_attractor(led, ci.find_attractors(simulators.at(-0.09), 3)[0])
+
+
+BELT_WITH_A_CLOCK = """
+name = "belt"
+[model]
+system = "hybrid"
+period = "2*pi/w"
+[model.parameters]
+a = 0.35
+w = 1.3
+V = 0.5
+F = 0.4
+[model.modes.slip]
+x = "v"
+v = "a*cos(2*pi*s) - x - 0.05*v + F"
+s = "w/(2*pi)"
+[model.modes.stick]
+x = "V"
+u = "-a*w*sin(2*pi*s) - V"
+s = "w/(2*pi)"
+[model.guards.K]
+mode = "slip"
+within = "v <= V"
+to = "stick"
+set = { u = "a*cos(2*pi*s) - x - 0.05*V" }
+[model.guards.D]
+mode = "stick"
+within = "u >= -F"
+to = "slip"
+set = { v = "V" }
+[model.guards.R]
+mode = "slip"
+within = "s <= 1"
+set = { s = 0 }
+[model.guards.X]
+mode = "stick"
+within = "s <= 1"
+set = { s = 0 }
+[follow]
+parameter = "a"
+range = [0.3, 0.45]
+orbits = ["KDR"]
+"""
+
+
+@integrated
+def test_a_sweep_goes_on_where_a_state_is_beyond_its_limit_at_other_values():
+    """The spring's force u is known twice, as a coordinate and by x: where slip begins at one value
+    of a, at a larger one the body slips forward. The sweep starts at another impact."""
+    model = read_scene(tomllib.loads(BELT_WITH_A_CLOCK)).model
+    simulator = Simulator(model)
+    slips = simulator.state("R", 0.0, 1.3 / (2.0 * math.pi), [0.0, 0.0, 0.0, 0.0])
+    found = ci.settle(simulator, slips)
+    there = Simulator(model.replace(a=0.4))
+    beyond = there.run(found.state, impacts=1)
+    assert (beyond.outcome, len(beyond)) == (Outcome.BEYOND, 0)
+    (other,) = [one for one in ci.find_orbits(there.model, "KDR") if one.physical]
+    moved = settle_again(there, found)
+    assert moved.notation == "KDR"
+    np.testing.assert_allclose(moved.velocities, other.velocities, rtol=1e-9)
