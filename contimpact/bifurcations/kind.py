@@ -356,9 +356,11 @@ class Kind(ABC):
             here, here.multipliers, self.multiplier, known=True
         )
 
-    def multipliers(self, here: Linearisation, details: Details) -> tuple[Array, int]:
+    def multipliers(
+        self, here: Linearisation, details: Details, beside: Sequence[Linearisation] = ()
+    ) -> tuple[Array, int]:
         """Return the orbit's multipliers, and how many outside the unit circle are not the
-        event's."""
+        event's. `beside` are orbits of its branch on both sides."""
         own = self.critical(here.multipliers)
         others = np.delete(here.multipliers, own)
         if self.multiplier is not None:

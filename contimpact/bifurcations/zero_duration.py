@@ -163,7 +163,9 @@ class T(Kind):
             return super().label(ghost, word, beyond, walls)
         return f"{'~' * ghost}{self.name}[{word}->{beyond}]"
 
-    def multipliers(self, here: Linearisation, details: Details) -> tuple[Array, int]:
+    def multipliers(
+        self, here: Linearisation, details: Details, beside: Sequence[Linearisation] = ()
+    ) -> tuple[Array, int]:
         there = without_flight(here, details["flight"])
         if there is None and not here.resting:
             return super().multipliers(here, details)

@@ -12,6 +12,7 @@ nothing is born, and ``flight`` in the details tells this event from a contact t
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -263,13 +264,15 @@ class V(Kind):
         """The return map's derivative is infinite there."""
         return [int(np.argmax(np.abs(multipliers)))]
 
-    def multipliers(self, here: Linearisation, details: Details) -> tuple[Array, int]:
+    def multipliers(
+        self, here: Linearisation, details: Details, beside: Sequence[Linearisation] = ()
+    ) -> tuple[Array, int]:
         shorter = remove_impact(here, details)
         if shorter is not None:
             there = shorter[0].evaluate(shorter[1])
             found = there.by_blocks.multipliers
         elif leaves_no_trace(here):
-            found = _limit_of_multipliers(here)
+            found = _limit_of_multipliers(here, beside)
         else:
             return super().multipliers(here, details)
         return found, int(count_unstable(found))
@@ -295,13 +298,17 @@ class V(Kind):
         return touch_points(_impact_at_rest, lambda here: here.orbit, shorter)
 
 
-def _limit_of_multipliers(here: Linearisation) -> Array:
+def _limit_of_multipliers(here: Linearisation, known: Sequence[Linearisation]) -> Array:
     """The multipliers where an impact at rest leaves no trace, so that they are quotients of
-    rounding: the middle of those of the branch to either side."""
+    rounding: the middle of those of the branch to either side, or of known orbits beside it where
+    another solution crosses the branch, as that of a slip that never lasts."""
     step = np.cbrt(EPSILON) * here.singular_vectors(here.jacobian)[1][-1]
-    beside = (here.problem.evaluate(here.unknowns + side * step) for side in (-1.0, 1.0))
-    found = np.roots(sum(np.poly(at.multipliers) for at in beside))
-    return found[np.argsort(-np.abs(found), kind="stable")].astype(complex)
+    near = [here.problem.evaluate(here.unknowns + side * step) for side in (-1.0, 1.0)]
+    for sides in (near, known):
+        if sides and all(np.isfinite(at.multipliers).all() for at in sides):
+            found = np.roots(sum(np.poly(at.multipliers) for at in sides))
+            return found[np.argsort(-np.abs(found), kind="stable")].astype(complex)
+    return here.multipliers
 
 
 def _impact_at_rest(here: CurvePoint) -> tuple[int, str, float]:

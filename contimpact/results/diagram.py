@@ -350,8 +350,8 @@ def entry_of(event: Event, identity: str, branch: str, before: Point, after: Poi
     letters = problem.model.letters
     becomes = kind.next_word(event)
     added = 0 if becomes is None else len(becomes) - len(word)
-    multipliers, n_unstable = kind.multipliers(here, details)
     beside = before.evaluation, after.evaluation
+    multipliers, n_unstable = kind.multipliers(here, details, beside)
     verdict = kind.verdict_on_branch(here, details, beside)
     ghost = n_unstable > 0 or not verdict.physical
     side, slope = kind.criticality(event, before, after)

@@ -250,11 +250,13 @@ def _touches(
     touches: list[Touch | None] = [None] * len(positions)
     slowest = math.nan
     for seen, numbers in zip(motions, coordinates(kernels.model).values(), strict=True):
-        rests = not {*passages.resting(left)}.isdisjoint(numbers)
-        motion, breaks = _from_rest(seen, _brief(length, span)) if rests else seen
         leaving = passages.leaving[left] if left in numbers else 0.0
         here = reached in numbers
-        speed = arriving if here else speed_at_end(motion((), length, ()), length)
+        speed = arriving if here else speed_at_end(seen[0]((), length, ()), length)
+        rests = not {*passages.resting(left)}.isdisjoint(numbers)
+        if not {*passages.beginning(left)}.isdisjoint(numbers):  # at these parameters alone
+            rests |= abs(seen[0]((), 0.0, ())[1]) <= ROUNDING * abs(speed)
+        motion, breaks = _from_rest(seen, _brief(length, span)) if rests else seen
         sides = leaving, float(guards[reached].side) if here else 0.0
         found = excursions(motion, (), (), (length, speed, *sides), breaks, 0.0, math.inf)
         others = not here and left not in numbers and length > BRIEF * span

@@ -197,3 +197,39 @@ def test_multipliers_are_the_limit_where_an_end_of_a_contact_leaves_no_trace():
         sides = np.array([event.multipliers_before, event.multipliers_after])[:, :, 0]
         between = np.array(event.multipliers)[:, 0]
         assert np.all((np.min(sides, axis=0) < between) & (between < np.max(sides, axis=0)))
+
+
+def slip(stated: str) -> dict:
+    """A capsule on which an oscillator is driven, and which slips where its spring and damper pull
+    more than friction holds; the pull is stated as the guard has it, or by parameters."""
+    given = {"a": 0.06, "w": 0.8, "mu": 0.5, "F": 0.15, "k": 1.0, "c": 0.05}
+    used = {name: given[name] for name in given if name not in ("k", "c") or name in stated}
+    model = {"system": "hybrid", "period": "2*pi/w", "parameters": used, "define": {"S": stated}}
+    model["modes"] = {
+        "stick": {"z": "v", "v": "a*cos(w*t) - S", "u": "0"},
+        "slip": {"z": "v", "v": "a*cos(w*t) - S - mu*(S - F)", "u": "mu*(S - F)"},
+    }
+    model["guards"] = {
+        "R": {"mode": "stick", "within": "z + 0.05*v <= F", "to": "slip", "set": {"u": 0}},
+        "S": {"mode": "slip", "within": "u >= 0", "to": "stick", "set": {"u": 0}},
+    }
+    follow = {"parameter": "a", "range": [0.05, 0.15], "orbits": ["RS"]}
+    return {"name": "slip", "model": model, "follow": follow}
+
+
+@pytest.mark.parametrize("stated", ["z + 0.05*v", "k*z + c*v"])
+def test_a_slip_that_begins_without_a_force_begins_where_the_stuck_motion_pulls_as_much(stated):
+    """There a slip that never lasts also solves the equations, and its multipliers are infinite.
+    With parameters, the force at the beginning vanishes but for rounding."""
+    scene = read_scene(slip(stated))
+    orbit = next(o for o in find_orbits(scene.model, "RS", parameter="a", starts=48) if o.physical)
+    found = continue_orbit(orbit, range=(0.05, 0.15), events=["V"])
+    pull = abs((1 + 0.04j) / (1 - 0.64 + 0.04j))
+    (event,) = found.events
+    assert abs(event.value - 0.15 / pull) < 1e-12
+    assert not event.ghost
+    multiplier = np.exp((-0.025 + 1j * np.sqrt(1 - 0.025**2)) * 2 * np.pi / 0.8)
+    assert abs(complex(*event.multipliers[0]) - multiplier) < 1e-3
+    lasting = found.times[:, 1] > found.times[:, 0]
+    assert found.physical[lasting].all()
+    assert lasting.sum() > 50
