@@ -520,13 +520,17 @@ def transitions_between(
     yield replace(_unnamed_transition(before, after), evidence=evidence, wide=wide)
 
 
+A_STEP = "it is a step of the sweep"
+"""Why a bracket is wide in which the attractor before was not followed to its end."""
+
+
 def _changed_basin(first: Row, after: Row, last: Row) -> Transition:
     """A change that is no end of the attractor before: a step of the sweep has left its basin."""
     evidence = (
         f"a step of the sweep left the basin of {first.attractor.notation}; followed with "
         f"small steps, {last.attractor.notation} is met up to {last.value:.9g} at least"
     )
-    wide = "it is a step of the sweep; more simulate.values keep to the attractor"
+    wide = f"{A_STEP}; more simulate.values keep to the attractor"
     return replace(_unnamed_transition(first, after), evidence=evidence, wide=wide)
 
 
@@ -536,7 +540,7 @@ def _not_followed(left: Row, after: Row) -> Transition:
         f"{left.attractor.notation} cannot be started anew beyond {left.value:.9g}: no motion "
         "that repeats itself, within the guards, is known of it; it is not followed to its end"
     )
-    wide = "it is a step of the sweep; more simulate.values narrow it"
+    wide = f"{A_STEP}; more simulate.values narrow it"
     return replace(_unnamed_transition(left, after), evidence=evidence, wide=wide)
 
 
@@ -565,9 +569,10 @@ def explain_transition(transition: Transition, diagram: Diagram, sweep: Sweep) -
     """Return the transition with the entries that explain or bound it.
 
     An entry explains it that lies in the bracket or next to it and belongs to the orbit before, or
-    to the one after. Otherwise the nearest entries of the kinds that go with it, on branches of
-    these orbits and of the orbit whose periods were doubled, bound it: for TG and PD_G those are
-    the fold at which the orbit after is born, and the (ghost) grazing of the orbit before.
+    to the one after; it bounds it where the bracket is a step of the sweep, in which more may lie.
+    Otherwise the nearest entries of the kinds that go with it, on branches of these orbits and of
+    the orbit whose periods were doubled, bound it: for TG and PD_G those are the fold at which the
+    orbit after is born, and the (ghost) grazing of the orbit before.
 
     A crisis of the motion before explains its end also from a step of the sweep away: beyond it
     transients are long.
@@ -582,17 +587,19 @@ def explain_transition(transition: Transition, diagram: Diagram, sweep: Sweep) -
         near.append((distance, entry))
     near.sort(key=lambda pair: pair[0])
     explains = [pair for pair in near if pair[0] <= EXPLAINED * span]
-    step = max((b - a for a, b in itertools.pairwise(sorted({*values}))), default=0.0)
+    farthest = max((b - a for a, b in itertools.pairwise(sorted({*values}))), default=0.0)
     for entry in diagram.entries:
         distance = max(low - entry.value, entry.value - high, 0.0)
         ended = entry.crisis and entry.crisis.get("attractor") == transition.before.notation
-        if ended and distance <= step:
+        if ended and distance <= farthest:
             explains.insert(0, (distance, entry))
     chosen = explains[:2] or _bounds(near, transition)
-    role = "explains" if explains else "bounds"
+    step = (transition.wide or "").startswith(A_STEP)
+    located = explains and not (step and explains[0][1].crisis is None)
+    role = "explains" if located else "bounds"
     records = [Explanation(e.id, e.label, e.value, d, role) for d, e in chosen]
     found = replace(transition, explanations=tuple(records))
-    return _named_by(found, explains[0][1]) if explains else found
+    return _named_by(found, explains[0][1]) if located else found
 
 
 _NAMED = {"G": "G", "V": "G", "FB": "FB"}

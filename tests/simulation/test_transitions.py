@@ -21,6 +21,7 @@ from contimpact.simulation.attractor import repetitions_of, solve_cycle
 from contimpact.simulation.run import State
 from contimpact.simulation.sweep import Row, Simulators, Sweep, cover, scene_fragment, sweep
 from contimpact.simulation.transitions import (
+    A_STEP,
     Transition,
     explain_transition,
     find_transitions,
@@ -377,6 +378,11 @@ def test_changes_from_and_to_no_impacts_are_named_by_the_event_that_lies_there()
         assert not any("no name" in line for line in change.lines("a"))
         (change,) = find_transitions(found, 1e-5, settling=QUICK)
         assert change.kind == alone
+        wide = f"{A_STEP}; it was not followed to its end"
+        step = dataclasses.replace(change, kind=None, wide=wide)
+        (bound,) = explain_transition(step, diagram, found).explanations
+        assert (bound.entry, bound.role) == (entry.id, "bounds")
+        assert explain_transition(step, diagram, found).kind is None
 
 
 @pytest.mark.full
