@@ -113,10 +113,12 @@ def require_known(
         raise InputError(where, found or f"found {short_repr(value)}", accepted)
 
 
-def require_whole(value: Any, where: str, least: int = 1) -> None:
-    """Raise `InputError` for what is no whole number, or too small a one."""
-    if not isinstance(value, Integral) or isinstance(value, bool) or value < least:
-        raise InputError(where, f"found {value!r}", f"give a whole number >= {least}")
+def require_whole(value: Any, where: str, least: int = 1, most: int | None = None) -> None:
+    """Raise `InputError` for what is no whole number, or too small or too large a one."""
+    whole = isinstance(value, Integral) and not isinstance(value, bool)
+    if not whole or value < least or (most is not None and value > most):
+        limits = f">= {least}" if most is None else f"from {least} to {most}"
+        raise InputError(where, f"found {short_repr(value)}", f"give a whole number {limits}")
 
 
 def random_generator(rng: Any, where: str = "rng") -> np.random.Generator:

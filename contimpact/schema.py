@@ -18,6 +18,7 @@ import types
 import typing
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import cache
+from numbers import Integral
 from types import SimpleNamespace
 from typing import Any, TypeVar
 
@@ -258,10 +259,10 @@ def fit(value: Any, hint: Any, where: str, rule: Key = PLAIN, here: Any = None) 
         return value
     if hint is bool and isinstance(value, bool):
         return value
-    if hint is int and type(value) is int:
-        least, most = _bounds(rule, here)
-        if least <= value and (most is None or value <= most):
-            return value
+    if hint is int and isinstance(value, Integral) and not isinstance(value, bool):
+        whole, (least, most) = int(value), _bounds(rule, here)
+        if least <= whole and (most is None or whole <= most):
+            return whole
     if kind in (tuple, list) and isinstance(value, list | tuple):
         if len(value) > LONGEST_LIST:
             found, accepted = f"a list of {len(value)}", f"at most {LONGEST_LIST} are admitted"

@@ -317,20 +317,18 @@ def check_length(content: bytes, most: int) -> bytes:
 
 
 @contextlib.contextmanager
-def check_reading(path: Path, schema: str) -> Iterator[None]:
-    """Turn what goes wrong with a file of a schema into `InputError`."""
+def check_reading(path: Path, *schemas: str) -> Iterator[None]:
+    """Turn what goes wrong with a file of one of some schemas into `InputError`."""
+    accepted = f"give a file of {' or '.join(map(repr, schemas))}"
     try:
         yield
     except InputError:
         raise
     except OSError as error:
-        raise InputError(
-            str(path), f"cannot be read ({reason(error)})", f"give a file of {schema!r}"
-        ) from None
+        raise InputError(str(path), f"cannot be read ({reason(error)})", accepted) from None
     except (*DAMAGE, csv.Error) as error:
-        raise InputError(
-            str(path), f"damaged ({type(error).__name__}: {error})", f"give a file of {schema!r}"
-        ) from None
+        found = f"damaged ({type(error).__name__}: {error})"
+        raise InputError(str(path), found, accepted) from None
 
 
 def read_json(path: Path, schema: str, wanted: str) -> dict[str, Any]:

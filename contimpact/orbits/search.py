@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..errors import InputError, count_text, random_generator
+from ..errors import InputError, count_text, random_generator, require_whole
 from ..models.guards import Word, graph, parse_word
 from ..models.model import Model, Symmetry
 from ..progress import Asked, Progress, ignore_progress, progress_lines
@@ -209,9 +209,8 @@ def search(
     tell: Progress = ignore_progress,
 ) -> Search:
     """Search for the orbits of a word, as `find_orbits` does."""
-    for name, count in (("starts", starts), ("rounds", rounds)):
-        if count < 1:
-            raise InputError(name, f"found {count!r}", "give a whole number >= 1")
+    require_whole(starts, "starts")
+    require_whole(rounds, "rounds")
     letters = model.letters
     if not isinstance(word, Word):
         word = parse_word(word, letters, graph=graph(model.WALLS), free=model.autonomous)

@@ -442,7 +442,7 @@ def load(path: str | Path, model: Model | None = None) -> Any:
     if path.is_dir():
         return load_diagram(path)
     if path.suffix == ".csv":
-        with check_reading(path, f"{BRANCH}' or '{CURVE}"):
+        with check_reading(path, BRANCH, CURVE):
             first = read_bounded(path, LARGEST_KEPT).split(b"\n", 1)[0].decode()
             schema = json.loads(first.removeprefix("# "))["schema"]
         return read_curve(path) if schema == CURVE else read_branch(path)

@@ -308,9 +308,7 @@ def basin_fractions(
         raise InputError("values", "no values", "give at least one value of the parameter")
     whole = (("starts", starts, 1, MOST_FRACTION_STARTS), ("refine", refine, 0, MOST_ROUNDS))
     for name, number, least, most in whole:
-        if type(number) is not int or not least <= number <= most:
-            accepted = f"give a whole number from {least} to {most}"
-            raise InputError(name, f"found {short_repr(number)}", accepted)
+        require_whole(number, name, least, most)
     if not 0.0 < confidence < 1.0:
         raise InputError("confidence", f"found {confidence}", "give a number between 0 and 1")
     simulators = Simulators(model, parameter, Kernels(model, parameter))

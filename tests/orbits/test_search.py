@@ -11,6 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from zoo import unknowns_of
 
+from contimpact import ImpactPair, Settings, basin_fractions, load
 from contimpact.errors import InputError
 from contimpact.models.guards import Word, parse_word
 from contimpact.orbits import search, starts
@@ -694,3 +695,16 @@ def test_impacts_that_are_slow_beside_the_motion_are_those_of_orbits():
     simulator = Simulator(model)
     run = simulator.run(simulator.state("S", orbit.times[0], velocity), impacts=1)
     assert run.velocities == pytest.approx([velocity], rel=1e-3)
+
+
+def test_whole_numbers_may_be_those_of_numpy():
+    """Some were refused as no whole numbers; 64.0, which is none, ended in a TypeError."""
+    pair = ImpactPair(beta=0.5, r=0.3, A=5.0, s=0.4)
+    assert Settings(max_points=np.int64(30)) == Settings(max_points=30)
+    found = basin_fractions(pair, "s", [0.4], starts=np.int64(2))
+    assert (found.starts, found.shares[0].fraction) == (2, 1.0)
+    for wrong in (64.0, 0, True):
+        with pytest.raises(InputError, match=rf"starts: found {wrong}; give a whole number >= 1"):
+            find_orbits(pair, "1:1", parameter="s", starts=wrong)
+    with pytest.raises(InputError, match=r"'contimpact.branch/1' or 'contimpact.curve/1'"):
+        load("nothing.csv")
