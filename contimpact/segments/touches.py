@@ -254,8 +254,8 @@ def _touches(
         here = reached in numbers
         speed = arriving if here else speed_at_end(seen[0]((), length, ()), length)
         rests = not {*passages.resting(left)}.isdisjoint(numbers)
-        if not {*passages.beginning(left)}.isdisjoint(numbers):  # at these parameters alone
-            rests |= abs(seen[0]((), 0.0, ())[1]) <= ROUNDING * abs(speed)
+        if not {*passages.beginning(left)}.isdisjoint(numbers):
+            rests |= _turns_at_once(seen[0], _brief(length, span))
         motion, breaks = _from_rest(seen, _brief(length, span)) if rests else seen
         sides = leaving, float(guards[reached].side) if here else 0.0
         found = excursions(motion, (), (), (length, speed, *sides), breaks, 0.0, math.inf)
@@ -275,6 +275,13 @@ def _touches(
 def _brief(length: float, span: float) -> float:
     """How long rounding decides which way a flight from rest begins."""
     return min(BRIEF * span, AT_FIRST * length)
+
+
+def _turns_at_once(motion: Motion, brief: float) -> bool:
+    """Whether a coordinate turns so soon after a flight begins that its rate there is rounding, as
+    where a body slips whose force vanishes at these parameters alone."""
+    _, rate, curvature = motion((), 0.0, ())
+    return abs(rate) <= brief * abs(curvature)
 
 
 def _from_rest(seen: Seen, brief: float) -> Seen:
@@ -373,10 +380,11 @@ def _leaving_at_once(
             left = flight.ends[0]
             if flight.length < BRIEF * span:
                 continue
-            if abs(rate) <= ROUNDING * fastest:  # a contact ends without force
-                curvature = flight.motions[g][0]((), _brief(flight.length, span), ())[2]
+            motion, brief = flight.motions[g][0], _brief(flight.length, span)
+            rates = abs(rate) > ROUNDING * fastest and not _turns_at_once(motion, brief)
+            if not rates:  # a contact ends without force
+                curvature = motion((), brief, ())[2]
             for i in {*passages.beginning(left), *passages.resting(left)} & {*numbers}:
-                rates = abs(rate) > ROUNDING * fastest
                 pushed = abs(curvature) > ROUNDING * strongest
                 towards = rate if rates else curvature if pushed else 0.0
                 if towards * kernels.model.WALLS[i].side > 0.0:

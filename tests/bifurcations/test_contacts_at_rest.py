@@ -233,3 +233,25 @@ def test_a_slip_that_begins_without_a_force_begins_where_the_stuck_motion_pulls_
     lasting = found.times[:, 1] > found.times[:, 0]
     assert found.physical[lasting].all()
     assert lasting.sum() > 50
+
+
+def test_a_slip_is_physical_though_its_force_begins_with_the_rounding_of_another_coordinate():
+    """A feeder whose table lifts the part, too: its guard is on the force that is missing, which is
+    a coordinate, and its law on the force itself. The slip was unphysical by 6e-27."""
+    model = {"system": "hybrid", "period": "2*pi", "parameters": {"A": 0.43}}
+    rates = {"h": "-A*sin(t) - 0.2*sin(t + 0.7) - (h - force)"}
+    model["define"] = {"force": "A*cos(t) - 0.5 + 0.2*cos(t + 0.7)"}
+    model["modes"] = {"stick": rates | {"u": "0"}, "slip": rates | {"u": "force"}}
+    model["guards"] = {
+        "P": {"mode": "stick", "within": "h <= 0", "to": "slip", "set": {"u": 0}},
+        "S": {"mode": "slip", "within": "u >= 0", "to": "stick", "set": {"u": 0}},
+    }
+    follow = {"parameter": "A", "range": [0.3, 0.45], "orbits": ["PS"]}
+    scene = read_scene({"name": "feeder", "model": model, "follow": follow})
+    orbit = next(o for o in find_orbits(scene.model, "PS", parameter="A", starts=48) if o.physical)
+    found = continue_orbit(orbit, range=(0.3, 0.45), events=["V"])
+    begins = np.sqrt(0.25 - (0.2 * np.sin(0.7)) ** 2) - 0.2 * np.cos(0.7)
+    assert abs(found["A"].min() - begins) < 1e-12
+    lasting = (found.velocities[:, 0] > 1e-6) & (found.times[:, 1] > found.times[:, 0])
+    assert found.physical[lasting].all()
+    assert lasting.sum() > 20
