@@ -21,7 +21,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 import numpy as np
-from scipy.optimize import brentq
 
 from ..arrays import Array
 from ..display import ParameterItems
@@ -763,6 +762,7 @@ def limit_cycle(
 
 def _turning_time(flow: Flow, state: Sequence[float], step: float) -> float:
     """When, within a step, the first coordinate ceases to rise."""
+    from scipy.optimize import brentq
 
     def speed(time: float) -> float:
         return flow(state, time)[1] if time else state[1]
