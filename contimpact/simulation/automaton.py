@@ -697,7 +697,8 @@ class Automaton:
                 seen, before = made, state
             if self._runs is not None and not (state.held or state.released):
                 alone = bool(self._through.pairs)  # which guard is met is told after each flight
-                given = (1 if alone else most - made, last), asked, record and not alone, fastest
+                count = 1 if alone else min(most - made, AT_ONCE)
+                given = (count, last), asked, record and not alone, fastest
                 state, why, count, columns = self._runs.make(state, *given)
                 made += count
                 if alone:
@@ -815,7 +816,7 @@ def _segment_jacobian(automaton: Automaton, before: State, after: State) -> Arra
 
 
 AT_ONCE = 1024
-"""Flights whose derivatives are computed at once."""
+"""Flights made, and of which derivatives are computed, at once."""
 
 
 def _segment_jacobians(automaton: Automaton, pairs: Sequence[tuple[State, State]]) -> Array:

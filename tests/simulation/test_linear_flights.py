@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import tomllib
 from itertools import pairwise
 from pathlib import Path
 
@@ -296,3 +297,45 @@ def test_a_block_that_rocks_returns_at_its_time():
     run = simulator.run(simulator.state("P", 0.0, 0.5 / 0.9), impacts=1)
     assert run.times[0] == pytest.approx(2.0 * math.atanh(0.5), rel=1e-13)
     assert run.velocities[0] == pytest.approx(-0.5, rel=1e-13)
+
+
+FEEDER = """
+name = "feeder"
+[model]
+system = "hybrid"
+period = "2*pi"
+[model.parameters]
+A = 0.4
+[model.define]
+force = "A*cos(t) - 0.5 + 0.2*cos(t + 0.7)"
+rate = "-A*sin(t) - 0.2*sin(t + 0.7) - (h - force)"
+[model.modes.stick]
+h = "rate"
+u = "0"
+[model.modes.slip]
+h = "rate"
+u = "force"
+[model.modes.back]
+h = "rate"
+u = "force + 1"
+[model.guards]
+P = { mode = "stick", within = "h <= 0", to = "slip", set = { u = 0 } }
+S = { mode = "slip", within = "u >= 0", to = "stick", set = { u = 0 } }
+Q = { mode = "stick", within = "h >= -1", to = "back", set = { u = 0 } }
+B = { mode = "back", within = "u <= 0", to = "stick", set = { u = 0 } }
+[follow]
+parameter = "A"
+range = [0.3, 0.45]
+orbits = ["PS"]
+"""
+
+
+@needs_llvmlite
+def test_a_run_ends_where_two_guards_lead_to_each_other_at_once(plain_and_compiled):
+    """The part begins to slip, and sticks again at the same time, as h is not the force yet: time
+    stands still. Compiled runs over periods never ended."""
+    simulator = Simulator(read_scene(tomllib.loads(FEEDER)).model)
+    start = simulator.random_state(np.random.default_rng(1))
+    for run in plain_and_compiled(lambda: simulator.run(start, periods=20, record=False)):
+        assert run.outcome is Outcome.ACCUMULATING
+        assert run.end.turns <= 1
