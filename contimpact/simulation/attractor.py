@@ -359,11 +359,11 @@ NOTHING = 1e-14
 """Multipliers below this are zero where a wall is held: what it held is forgotten."""
 
 
-def map_derivatives(simulator: Simulator, states: Sequence[State]) -> Array:
+def map_derivatives(simulator: Simulator, states: Sequence[State], along: bool = False) -> Array:
     """Return the derivatives of the map from each of some states to the next; without forcing of
     the return map of sections, which no time enters."""
     free = int(simulator.model.autonomous)
-    return np.asarray(simulator.derivatives(states))[:, free:, free:]
+    return np.asarray(simulator.derivatives(states, along))[:, free:, free:]
 
 
 def solve_cycle(simulator: Simulator, state: State, impacts: int, period: int) -> Cycle | None:

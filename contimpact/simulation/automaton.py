@@ -569,16 +569,18 @@ class Automaton:
         found = (_segment_jacobian if simple else _track_jacobian)(self, before, after)
         return found if np.all(np.isfinite(found)) else np.full(found.shape, np.inf)
 
-    def derivatives(self, states: Sequence[State]) -> Array:
+    def derivatives(self, states: Sequence[State], along: bool = False) -> Array:
         """Return the same from each of some states to the next, shape (N, 2 d, 2 d): of closed
-        flights between the same guards at once."""
+        flights between the same guards at once; of integrated ones, if asked, along the flow from
+        each state on, which is fast, and loses the digits by which disturbances grow."""
         found = np.empty((len(states) - 1, 2 * self.size, 2 * self.size))
         together: dict[tuple[int, int], list[int]] = {}
         for k, (before, after) in enumerate(itertools.pairwise(states)):
             ends = self.guards[before.wall].name, self.guards[after.wall].name
             apart = before.released or after.released or after.held or self.kernels.flown(*ends)
             if apart:
-                found[k] = self.derivative(before, after)
+                by = _track_jacobian if along else Automaton.derivative
+                found[k] = by(self, before, after)
             else:
                 together.setdefault((before.wall, after.wall), []).append(k)
         for places in together.values():

@@ -343,7 +343,7 @@ class OneCoordinate:
         """See `derivative_of_pair`."""
         return derivative_of_pair(self.kernels, self.values, self.period)
 
-    def derivatives(self, states: Sequence[State]) -> Array:
+    def derivatives(self, states: Sequence[State], along: bool = False) -> Array:
         """Return those from each of some states to the next, shape (N, 2, 2)."""
         return np.array([self.derivative(*pair) for pair in itertools.pairwise(states)])
 

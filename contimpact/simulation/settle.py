@@ -271,7 +271,8 @@ def _exponents_by_qr(simulator: Simulator, state: State, run: Run) -> Exponents:
     q = np.linalg.qr(np.random.default_rng(0).normal(size=(m, m)))[0]
     logs, before, scale = [], state, _scale(state, m)
     states = list(run.states())
-    for after, step in zip(states, map_derivatives(simulator, [state, *states]), strict=True):
+    steps = map_derivatives(simulator, [state, *states], along=True)
+    for after, step in zip(states, steps, strict=True):
         if not np.all(np.isfinite(step)):
             break
         next_scale = _scale(after, m)

@@ -382,9 +382,10 @@ class Simulator(ParameterItems):
         """
         return self.machine.derivative
 
-    def derivatives(self, states: Sequence[State]) -> Array:
-        """Return the derivatives from each of some states to the next, shape (N, m, m)."""
-        return self.machine.derivatives(states)
+    def derivatives(self, states: Sequence[State], along: bool = False) -> Array:
+        """Return the derivatives from each of some states to the next, shape (N, m, m); `along` as
+        of `automaton.Automaton.derivatives`."""
+        return self.machine.derivatives(states, along)
 
 
 def as_simulator(of: Simulator | Model) -> Simulator:
