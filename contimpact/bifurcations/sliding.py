@@ -488,11 +488,16 @@ class Corner(SlidingOnset):
         problem, flight = self.problem, (self.impact - 1) % len(self.problem.word)
         values, (start, end) = problem.values(unknowns), problem.times_around(unknowns, flight)
         letter, leave = problem.leaving(unknowns, flight)
-        end = float(problem.kernels.gap(letter, self.limit)(*leave, end - start, *values)[0])
-        position = problem.kernels.setup(*values).walls[problem.model.letters.index(self.limit)]
-        gap = position - end
-        rounded = abs(gap) <= ROUNDING * (abs(end) + abs(position))
-        return math.nan if rounded else problem.model.guard(self.limit).side * gap
+        place, rate, curvature = problem.kernels.gap(letter, self.limit)(
+            *leave, end - start, *values
+        )
+        setup = problem.kernels.setup(*values)
+        position = setup.walls[problem.model.letters.index(self.limit)]
+        gap, least = position - place, ROUNDING * (abs(place) + abs(position))
+        touches = abs(rate) <= INSTANT * abs(curvature) * setup.period  # the flight turns there
+        if abs(gap) <= least or touches:
+            return math.nan
+        return problem.model.guard(self.limit).side * float(gap)
 
     def equations(self) -> ExtendedSystem:
         return EndOnGuard(self.problem, (self.impact - 1) % len(self.problem.word), self.limit)

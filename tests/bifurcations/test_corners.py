@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,8 +14,9 @@ from scipy.optimize import fsolve
 from contimpact.continuation.branch import EndKind
 from contimpact.diagrams.curves import follow_curve
 from contimpact.diagrams.explore import follow
-from contimpact.results.scene import read_scene
+from contimpact.results.scene import load_scene, read_scene
 
+BRANCHES = Path(__file__).parents[2] / "branches"
 V, F, C, D, R, W = 0.5, 0.4, 0.05, 1.0, 0.6, 1.3
 PULL = "a*cos(w*t) - x - c*v"
 SCENE = {
@@ -75,3 +78,11 @@ def test_a_curve_of_such_impacts_keeps_the_speed():
     curve = follow_curve(event, scene.model, "r", *ranges, name="c1", values=[0.55])
     assert {end.kind for end in curve.ends} == {EndKind.RANGE}
     np.testing.assert_allclose(curve["v1"], V, rtol=1e-10)
+
+
+def test_a_flight_that_turns_at_its_end_touches_once():
+    """Where friction changes its sign the gap has an extremum: what touches there is its flight."""
+    scene = load_scene(BRANCHES / "soft_pair_friction" / "scene.toml")
+    scene = dataclasses.replace(scene, range=(0.3, 0.37), switch=())
+    events = [e for e in follow(scene).entries if e.kind == "G"]
+    assert [e.value for e in events] == [pytest.approx(0.3048581395, abs=1e-9)]
