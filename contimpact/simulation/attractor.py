@@ -388,7 +388,7 @@ def solve_cycle(simulator: Simulator, state: State, impacts: int, period: int) -
         if size < CLOSED or (size >= 0.5 * best and size < ROUNDED):
             mus = _multipliers(simulator, rows)
             return _cycle_of_states(run, rows, period, mus, size)
-        step = _newton_step(map_derivatives(simulator, rows), miss)
+        step = _newton_step(map_derivatives(simulator, rows, along=True), miss)
         if size > 10.0 * best or step is None:
             return None
         best = min(best, size)
@@ -512,7 +512,7 @@ def cycle_near(
             continue
         if abs(cycle.multipliers[0]) < 1.0:
             return cycle, _distance(run, cycle)
-        derivatives = map_derivatives(simulator, cycle.rows(simulator.period))
+        derivatives = map_derivatives(simulator, cycle.rows(simulator.period), along=True)
         unstable[len(cycle.walls)] = Unstable(cycle, derivatives)
     return None
 
