@@ -383,8 +383,11 @@ class Simulator(ParameterItems):
         return self.machine.derivative
 
     def derivatives(self, states: Sequence[State], along: bool = False) -> Array:
-        """Return the derivatives from each of some states to the next, shape (N, m, m); `along` as
-        of `automaton.Automaton.derivatives`."""
+        """Return the derivatives from each of some states to the next, shape (N, m, m).
+
+        Those of integrated flights are solved for between the states or, if asked, integrated along
+        the flow from each on, which is faster, and loses the digits by which disturbances grow.
+        """
         return self.machine.derivatives(states, along)
 
 
