@@ -89,7 +89,8 @@ class Attractor(ParameterItems, NotebookResult):
     rate: float = math.nan
     """Impacts per forcing period; without forcing per unit of time."""
     smallest_gap: float = math.nan
-    """Nearest to a wall that a flight comes without touching it; periodic motions only."""
+    """Nearest to a wall that a flight comes without touching it; of periodic motions, and of those
+    without impacts that are known."""
     closing: float = math.nan
     """By how much the period closes."""
     distance: float = math.nan

@@ -363,12 +363,13 @@ def _critical(before: Row, after: Row, earlier: Row | None) -> Critical | None:
     the gap, or the velocity of the impact that is lost. The quantity whose line vanishes nearest
     to the bracket tells the kind; without an earlier attractor, the smallest does.
     """
-    now = _quantities(before.attractor)
+    unit = abs((earlier or before).attractor.smallest_gap) or 1.0
+    now = _quantities(before.attractor, unit)
     if earlier is None or earlier.value == before.value:
         key = min(now, key=lambda key: now[key])
         return Critical(*key, now[key], None) if now[key] < CLOSE**2 else None
     step = before.value - earlier.value
-    then = _quantities(earlier.attractor)
+    then = _quantities(earlier.attractor, unit)
     scores, zeros = {}, {}
     for key, value in now.items():
         if abs(value) < then[key]:
@@ -381,10 +382,11 @@ def _critical(before: Row, after: Row, earlier: Row | None) -> Critical | None:
     return Critical(*best, now[best], zeros[best])
 
 
-def _quantities(attractor: Attractor) -> dict[tuple[str, str], float]:
-    """Quantities that vanish where an attractor ends, by the kind and what they are."""
+def _quantities(attractor: Attractor, unit: float) -> dict[tuple[str, str], float]:
+    """Quantities that vanish where an attractor ends, by the kind and what they are; the gap of
+    one without impacts in a unit."""
     multiplier = _multiplier(attractor)
-    size = attractor.fastest or float(np.max(np.abs(attractor.motion or 1.0)))
+    size = attractor.fastest if attractor.velocities.size else unit
     gap = attractor.smallest_gap / size
     return {
         ("PD", "1 + mu"): abs(1.0 + multiplier),

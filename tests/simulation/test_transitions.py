@@ -385,6 +385,14 @@ def test_changes_from_and_to_no_impacts_are_named_by_the_event_that_lies_there()
         assert explain_transition(step, diagram, found).kind is None
 
 
+def test_a_sweep_from_no_forcing_at_all_names_its_end():
+    """At a = 0 the motion is at rest, and has no size: a division by zero."""
+    stop = load_scene(ROOT / "branches" / "stop" / "scene.toml")
+    found = sweep(stop.model, "a", [0.0, 0.11], settling=QUICK)
+    (change,) = find_transitions(found, 6e-2, settling=QUICK)
+    assert (change.label, change.before.smallest_gap > 0.0) == ("G[no impact->1]", True)
+
+
 @pytest.mark.full
 def test_a_touch_that_is_a_jump_explains_the_motion_that_it_ends():
     """A stop that kicks: no orbit with an impact is born where the motion without any touches it,
