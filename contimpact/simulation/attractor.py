@@ -367,14 +367,17 @@ def map_derivatives(simulator: Simulator, states: Sequence[State], along: bool =
     return np.asarray(simulator.derivatives(states, along))[:, free:, free:]
 
 
-def solve_cycle(simulator: Simulator, state: State, impacts: int, period: int) -> Cycle | None:
+def solve_cycle(
+    simulator: Simulator, state: State, impacts: int, period: int, *, direct: bool = False
+) -> Cycle | None:
     """Solve for the cycle near a state by Newton's iteration on the simulated map.
 
     The state is at an impact; the period is in forcing periods, 0 without forcing. None if the
-    iteration leaves the word or does not converge.
+    iteration leaves the word or does not converge, or is not `direct` where it has to be: its
+    second step is then at most half of the first, as where the state's own cycle has moved to.
     """
-    best, word = math.inf, None
-    for _ in range(12):
+    best, word, first = math.inf, None, math.inf
+    for count in range(12):
         run = simulator.run(state, impacts=impacts)
         walls, end = run.walls.tolist(), run.end
         left = len(run) < impacts or _rests(run) or word not in (None, walls)
@@ -392,12 +395,50 @@ def solve_cycle(simulator: Simulator, state: State, impacts: int, period: int) -
         step = _newton_step(map_derivatives(simulator, rows, along=True), miss)
         if size > 10.0 * best or step is None:
             return None
+        if direct and count < 2:
+            length = float(np.max(np.abs(step) / sizes))
+            if length > 0.5 * first:
+                return None
+            first = length
         best = min(best, size)
-        section = np.add(state.section, step[1:]).tolist()
-        moved = State(state.wall, state.phase + step[0], section[0], others=tuple(section[1:]))
-        state = replace(moved.within(simulator.period), turns=0)
+        state = _moved(state, step, simulator.period)
         if state.velocity * simulator.sides[state.wall] <= 0.0:
             return None
+    return None
+
+
+def _moved(state: State, step: Sequence[float], period: float) -> State:
+    """A state with another time and section."""
+    section = np.add(state.section, step[1:]).tolist()
+    moved = State(state.wall, state.phase + step[0], section[0], others=tuple(section[1:]))
+    return replace(moved.within(period), turns=0)
+
+
+def stable_cycle_beside(simulator: Simulator, cycle: Cycle) -> Cycle | None:
+    """Return the stable cycle near one that a real multiplier makes unstable, of twice its period
+    if that is negative; None if there is none. Newton's iteration begins in the direction of the
+    multiplier, nearer and nearer."""
+    mu, m = complex(cycle.multipliers[0]), len(cycle.multipliers)
+    if mu.imag or abs(mu) <= 1.0:
+        return None
+    rows, product = cycle.rows(simulator.period), np.eye(m)
+    for derivative in map_derivatives(simulator, rows, along=True):
+        product = derivative @ product
+    if not np.all(np.isfinite(product)):
+        return None
+    found, vectors = np.linalg.eig(product)
+    way = np.zeros(simulator.model.unknowns_per_impact)
+    way[len(way) - m :] = vectors[:, np.argmin(np.abs(found - mu))].real
+    sizes = natural_sizes([rows[0].section], simulator.period, simulator.model.autonomous)
+    way /= np.max(np.abs(way) / sizes)
+    times = 2 if mu.real < 0.0 else 1
+    about = times * len(cycle.walls), times * cycle.period
+    for size in AMPLITUDES:
+        start = _moved(rows[0], size * way, simulator.period)
+        beside = solve_cycle(simulator, start, *about, direct=True)
+        if beside is not None:
+            new = repetitions_of(beside, simulator.period) == 1
+            return beside if new and abs(beside.multipliers[0]) < 1.0 else None
     return None
 
 
@@ -451,6 +492,8 @@ def _periods_in(run: Run, time: float) -> int:
     return 0 if run.free else round(time / run.period)
 
 
+AMPLITUDES = 0.5 ** np.arange(3, 25)
+"""Distances from an unstable cycle, in natural sizes, at which a stable one is looked for."""
 LINEAR = 0.1
 """Part of its distance from a cycle by which a motion may miss what the cycle's derivative says, so
 that Newton's iteration leads there: beside a fold the other cycle is ten times as far, beside a

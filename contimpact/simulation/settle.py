@@ -477,6 +477,8 @@ def periodic(
         distance=distance,
         periods=periods,
         state=cycle.state(simulator.period),
+        model=simulator.model,
+        free=simulator.model.autonomous,
     )
 
 

@@ -22,7 +22,8 @@ from ..results.branch import Entry
 from ..results.diagram import Diagram
 from ..results.options import SETTLING, Settling
 from ..schema import build_record
-from .attractor import Attractor, Kind, repetitions_of, solve_cycle
+from .attractor import Attractor, Cycle, Kind, repetitions_of, solve_cycle, stable_cycle_beside
+from .settle import periodic
 from .sweep import Row, Simulators, Sweep, same_attractor
 
 # Where an attractor ends between two values of a sweep.
@@ -41,6 +42,8 @@ PATIENCE = 16
 """How many times more periods a slow motion is given."""
 NEARBY = 16
 """Widths from the end within which it is given them."""
+AHEAD, LAST = 0.9, 0.999
+"""Part of the way to the predicted end that a step goes; part of a width that the last step is."""
 
 
 def locate(
@@ -48,43 +51,112 @@ def locate(
 ) -> tuple[Row, Row, Row | None, Row | None]:
     """Locate the end of an attractor between two rows.
 
-    A periodic attractor, or a motion without impacts, is followed by simulation. The step is halved
-    where it is lost and grows again where it is not, so that near the end the start is always close
-    to the attractor: a long step can kick the motion out of a small basin before its attractor
-    ends. Other motions are not left in this way; for them the interval is bisected.
+    A periodic attractor, or a motion without impacts, is followed, by Newton's iteration if that is
+    direct and by simulation if not. The step is halved where it is lost and grows again where it is
+    not, so that near the end the start is always close to the attractor: a long step can kick the
+    motion out of a small basin before its attractor ends. Steps lead to where a quantity that is
+    critical at the end would vanish. Other motions are not left in this way; for them the interval
+    is bisected.
 
     Returns two values with the attractor before, the second one the last; the first beyond the end;
     and the first from there on at which the motion settles. The last is None if a periodic
     attractor does not end within ten times the distance of the two rows. The third is None, and the
     last the second row, where a motion without impacts cannot be started again.
     """
-    earlier, left, lost = before, before, after
+    lost: Row | None = after
+    gone: Cycle | None = None
+    earlier, left, end = before, before, after.value
     step, won = 0.5 * (after.value - before.value), 0
     furthest, longest = before.value + 20.0 * step, abs(step)
-    follows = before.attractor.kind is Kind.PERIODIC or before.attractor.motion is not None
+    periodic_before = before.attractor.kind is Kind.PERIODIC
+    follows = periodic_before or before.attractor.motion is not None
     for _ in range(EVALUATIONS):
+        value = left.value + step
         patient = _waiting_time(left.attractor, abs(step), width, settling)
-        row = _row(simulators, left, left.value + step, patient)
-        if row is None:
-            return earlier, left, None, after
-        if goes_on(simulators, left, row, settling):
+        cycle = _moved_cycle(simulators, left, value)
+        row, on = None, False
+        if cycle is not None:
+            row = _periodic_row(simulators, left, value, cycle)
+            on = row is not None
+        elif not periodic_before or abs(step) <= width:
+            row = _row(simulators, left, value, patient)
+            if row is None:
+                return earlier, left, None, after
+            on = goes_on(simulators, left, row, settling)
+        if on and row:
             earlier, left, won = left, row, won + 1
             if (furthest - left.value) * step <= 0.0:
                 return earlier, left, lost, None
             if not follows:
                 step *= 0.5
+            elif ahead := _predicted_step(earlier, left, end, width):
+                step = ahead
             elif won > 1 and abs(step) < longest:
                 step, won = 2.0 * step, 0
         else:
-            lost, won = row, 0
+            lost, gone, end, won = row, cycle, value, 0
             step *= 0.5
-        if _is_ahead(lost, left, step) and abs(lost.value - left.value) <= width:
-            break
+        if _is_ahead(end, left, step) and abs(end - left.value) <= width:
+            if lost or gone:
+                break
+            step = end - left.value  # where nothing but Newton's iteration has failed
         if left.value + step == left.value:
             break
-    if not _is_ahead(lost, left, step):
+    if not _is_ahead(end, left, step):
         return earlier, left, lost, None
+    if periodic_before and (lost is None or not lost.attractor.settled):
+        lost = _beside(simulators, left, gone, end) or lost
+    lost = lost or _row(simulators, left, end, patient)
+    if lost is None:
+        return earlier, left, None, after
     return earlier, left, lost, _settled_row(simulators, left, lost, furthest, width, settling)
+
+
+def _moved_cycle(simulators: Simulators, before: Row, value: float) -> Cycle | None:
+    """The cycle to which that of a periodic attractor has moved at another value, stable or not;
+    None if Newton's iteration does not lead there directly."""
+    one = before.attractor
+    if one.kind is not Kind.PERIODIC or one.state is None or one.period is None:
+        return None
+    there = simulators.at(value)
+    found = solve_cycle(there, one.state, len(one.walls), one.period, direct=True)
+    return None if found is None or repetitions_of(found, there.period) > 1 else found
+
+
+def _periodic_row(
+    simulators: Simulators, before: Row, value: float, cycle: Cycle | None
+) -> Row | None:
+    """The row of a cycle at another value, if it is stable."""
+    if cycle is None or abs(cycle.multipliers[0]) >= 1.0:
+        return None
+    return Row(before.direction, value, periodic(simulators.at(value), cycle))
+
+
+def _beside(simulators: Simulators, left: Row, gone: Cycle | None, value: float) -> Row | None:
+    """What follows a periodic attractor beyond its end if that is near: a stable cycle beside the
+    one `gone`, which is unstable there, or the one of which the attractor was the doubled one."""
+    there, one = simulators.at(value), left.attractor
+    if gone is not None:
+        return _periodic_row(simulators, left, value, stable_cycle_beside(there, gone))
+    half, walls = len(one.walls) // 2, one.walls.tolist()
+    if one.state is None or not one.period or one.period % 2 or walls[:half] != walls[half:]:
+        return None
+    found = solve_cycle(there, one.state, half, one.period // 2, direct=True)
+    return _periodic_row(simulators, left, value, found)
+
+
+def _predicted_step(earlier: Row, left: Row, end: float, width: float) -> float | None:
+    """The step to nine tenths of the way to where a critical quantity would vanish, or once that is
+    within half a width, a width; None if it would not before the end of the interval."""
+    step = left.value - earlier.value
+    unit = abs(earlier.attractor.smallest_gap) or 1.0
+    then, now = (_quantities(row.attractor, unit) for row in (earlier, left))
+    falling = [key for key in now if now[key] < then[key] < math.inf]
+    ways = [now[key] * step / (then[key] - now[key]) for key in falling]
+    way = min(ways, key=abs, default=math.inf)
+    if not abs(way) < abs(end - left.value) or (end - left.value) * step <= 0.0:
+        return None
+    return AHEAD * way if abs(way) > 0.5 * width else math.copysign(LAST * width, step)
 
 
 def goes_on(simulators: Simulators, before: Row, after: Row, settling: Settling) -> bool:
@@ -164,9 +236,9 @@ def _waiting_time(
     return settling
 
 
-def _is_ahead(row: Row, left: Row, step: float) -> bool:
-    """Whether a row lies in front of another, and not just by rounding."""
-    return (row.value - left.value) * math.copysign(1.0, step) > 0.25 * abs(step)
+def _is_ahead(value: float, left: Row, step: float) -> bool:
+    """Whether a value lies in front of a row, and not just by rounding."""
+    return (value - left.value) * math.copysign(1.0, step) > 0.25 * abs(step)
 
 
 def _settled_row(
@@ -180,7 +252,7 @@ def _settled_row(
     while not ahead.attractor.settled and abs(furthest - ahead.value) > abs(step) > 0.0:
         value = ahead.value + step
         patient = _waiting_time(left.attractor, abs(value - left.value), width, settling)
-        found = _row(simulators, ahead, value, patient)
+        found = _beside(simulators, left, None, value) or _row(simulators, ahead, value, patient)
         if found is None:
             return lost
         ahead = found

@@ -282,17 +282,44 @@ def test_a_narrow_window_of_the_doubled_orbit_is_resolved(kernels_of):
     assert grazing.evidence.startswith("smallest gap")
 
 
-@pytest.mark.slow
-def test_wide_brackets_say_why(scene, kernels_of):
-    """Beside a doubling the motion does not settle; the bracket is wider than asked and says so."""
+def counting(simulators):
+    """What the simulators are asked to settle at, in a list."""
+    asked, lead = [], simulators.lead
+
+    def counted(attractor, value, settling):
+        asked.append(value)
+        return lead(attractor, value, settling)
+
+    simulators.lead = counted
+    return asked
+
+
+@pytest.mark.full
+def test_a_doubling_is_located_without_waiting(scene, kernels_of):
+    """Beside it motion takes 1e8 periods to leave the orbit that doubles, and the doubled one is
+    solved for; `PD` is that of the branch."""
     found = swept(scene, kernels_of, [0.39, 0.376])
     simulators = Simulators(scene.model, "s", kernels_of(scene.model, "s"))
-    (wide,) = transitions_between(simulators, *found.rows, 1e-9, QUICK)
-    assert wide.width > 1e-9
-    assert "instead of 1e-09" in wide.wide
+    asked = counting(simulators)
+    (doubling,) = transitions_between(simulators, *found.rows, 1e-9, QUICK)
+    assert doubling.label == "PD[1:1->1:1/2T]"
+    assert doubling.after.value <= PD <= doubling.before.value
+    assert (doubling.width <= 1e-9, doubling.wide) == (True, None)
+    assert len(asked) <= 1
+
+
+@pytest.mark.full
+def test_wide_brackets_say_why(scene, kernels_of):
+    """Beyond a fold motion lingers where the orbit was; the bracket is wider and says so."""
+    found = swept(scene, kernels_of, [0.352, 0.36], State(0, 0.1, 0.6))
+    simulators = Simulators(scene.model, "s", kernels_of(scene.model, "s"))
+    wide = next(transitions_between(simulators, *found.rows, 1e-11, QUICK))
+    assert wide.value == pytest.approx(FB, abs=1e-9)
+    assert wide.width > 1e-11
+    assert "instead of 1e-11" in wide.wide
     assert "simulate.periods" in wide.wide
     assert any("wide: " in line for line in wide.lines("s"))
-    (narrow,) = transitions_between(simulators, *found.rows, 1e-3, QUICK)
+    narrow = next(transitions_between(simulators, *found.rows, 1e-3, QUICK))
     assert narrow.width <= 1e-3
     assert narrow.wide is None
 
@@ -309,8 +336,8 @@ def test_a_symmetry_that_breaks_is_a_transition():
     """Both orbits are 1:1; the branch's branch point lies in the bracket."""
     level = ImpactPair(beta=0.0, r=0.5, A=5.0, s=0.45)
     found = sweep(level, "s", [0.44, 0.43, 0.42, 0.41], settling=QUICK)
-    (breaks,) = find_transitions(found, 1e-3, settling=QUICK)
-    assert (breaks.kind, breaks.label) == (None, "1:1->1:1")
+    (breaks,) = find_transitions(found, 1e-8, settling=QUICK)
+    assert (breaks.kind, breaks.label, breaks.wide) == (None, "1:1->1:1", None)
     assert breaks.after.value < 0.423183267920 < breaks.before.value
     assert breaks.evidence.endswith("beside it follows, as where a symmetry breaks")
 
