@@ -537,11 +537,10 @@ def jump_derivative(kernels: Kernels, guard: str, state: State, values: Sequence
     """Return how positions and velocities after an impact on a guard depend on the time and the
     section coordinates before it, shape (2 d, 2 d)."""
     depart, d = departure_of(kernels, guard, FLOAT_SERIES), kernels.model.DEGREES_OF_FREEDOM
+    at = (state.phase, *state.section)
+    given = [Series([y, unit]) for y, unit in zip(at, np.eye(2 * d), strict=True)]
     found = np.zeros((2 * d, 2 * d))
-    for j in range(2 * d):
-        given = [Series([y, float(i == j)]) for i, y in enumerate((state.phase, *state.section))]
-        for begin, part in zip((0, d), depart(*given, *values), strict=True):
-            for i, e in enumerate(part):
-                slope = e.coefficients[1] if isinstance(e, Series) else 0.0
-                found[begin + i, j] = float(slope)
+    for begin, part in zip((0, d), depart(*given, *values), strict=True):
+        for i, e in enumerate(part):
+            found[begin + i] = e.coefficients[1] if isinstance(e, Series) else 0.0
     return found
