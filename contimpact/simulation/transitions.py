@@ -105,7 +105,7 @@ def locate(
     if not _is_ahead(end, left, step):
         return earlier, left, lost, None
     if periodic_before and (lost is None or not lost.attractor.settled):
-        lost = _beside(simulators, left, gone, end) or lost
+        lost = _beside(simulators, left, gone, end, settling.longest) or lost
     lost = lost or _row(simulators, left, end, patient)
     if lost is None:
         return earlier, left, None, after
@@ -132,12 +132,16 @@ def _periodic_row(
     return Row(before.direction, value, periodic(simulators.at(value), cycle))
 
 
-def _beside(simulators: Simulators, left: Row, gone: Cycle | None, value: float) -> Row | None:
+def _beside(
+    simulators: Simulators, left: Row, gone: Cycle | None, value: float, longest: int
+) -> Row | None:
     """What follows a periodic attractor beyond its end if that is near: a stable cycle beside the
     one `gone`, which is unstable there, or the one of which the attractor was the doubled one."""
     there, one = simulators.at(value), left.attractor
     if gone is not None:
-        return _periodic_row(simulators, left, value, stable_cycle_beside(there, gone))
+        found = stable_cycle_beside(there, gone)
+        short = found is not None and len(found.walls) <= longest
+        return _periodic_row(simulators, left, value, found) if short else None
     half, walls = len(one.walls) // 2, one.walls.tolist()
     if one.state is None or not one.period or one.period % 2 or walls[:half] != walls[half:]:
         return None
@@ -252,7 +256,8 @@ def _settled_row(
     while not ahead.attractor.settled and abs(furthest - ahead.value) > abs(step) > 0.0:
         value = ahead.value + step
         patient = _waiting_time(left.attractor, abs(value - left.value), width, settling)
-        found = _beside(simulators, left, None, value) or _row(simulators, ahead, value, patient)
+        found = _beside(simulators, left, None, value, settling.longest)
+        found = found or _row(simulators, ahead, value, patient)
         if found is None:
             return lost
         ahead = found
