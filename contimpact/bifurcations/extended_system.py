@@ -520,6 +520,9 @@ that stands upright there: their folds lie within the square of this."""
 
 BESIDE = 1e-3
 """How near to such a branch point a fold is not told from it."""
+AWAY = 10.0
+"""How many times further a step to a branch point has to go to tell that there is none: of 60 folds
+it goes 0.0136 at least, from branch points 2e-5 at most."""
 
 
 class Crossing(ExtendedSystem):
@@ -604,7 +607,10 @@ def stands_upright(event: OrbitEvent) -> bool:
     """
     point = event.point
     units = point.evaluation.problem.natural_units(point.unknowns)
-    solution = solve(Crossing(point.evaluation.problem), point.evaluation)
+    crossing = Crossing(point.evaluation.problem)
+    if leads_away(crossing, point.evaluation, units):
+        return False
+    solution = solve(crossing, point.evaluation)
     if solution is None:
         return False
     away = np.abs(solution.unknowns - point.unknowns)
@@ -619,6 +625,18 @@ def stands_upright(event: OrbitEvent) -> bool:
         return True
     sideways = np.array([-upright[1], upright[0]]) / size
     return abs(float(sideways @ form @ sideways)) <= UPRIGHT * float(np.max(np.abs(form)))
+
+
+def leads_away(crossing: Crossing, here: Linearisation, units: Array) -> bool:
+    """Whether a step of Newton's iteration for a crossing leaves the surroundings of an orbit, in
+    the parameter, too: no crossing is beside it."""
+    try:
+        at = crossing.assemble(here, crossing.start(here))
+        step = np.linalg.solve(at.jacobian, at.residual)
+    except (ArithmeticError, ValueError, np.linalg.LinAlgError):
+        return False
+    away = np.abs(step[: len(units)] / units)
+    return bool(np.max(away) > AWAY * BESIDE and away[-1] > BESIDE)
 
 
 # A function of the unknowns with a known gradient reaches zero: V, T and UZ share this.

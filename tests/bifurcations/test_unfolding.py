@@ -13,6 +13,8 @@ import re
 import numpy as np
 import pytest
 
+from contimpact.bifurcations import extended_system
+from contimpact.bifurcations.extended_system import solve
 from contimpact.bifurcations.fold import Fold
 from contimpact.bifurcations.kind import test_functions as functions
 from contimpact.continuation.branch import EndKind, Event, Point
@@ -170,6 +172,23 @@ def test_an_exact_pitchfork_has_no_fold(kernel_cache):
                 if event.kind == "FB":
                     assert all(abs(event.parameter - value) > 1e-6 for value in points)
     assert passed >= 6
+
+
+def test_a_fold_is_accepted_without_solving_for_a_crossing(monkeypatch, kernel_cache):
+    """A step of Newton's iteration tells that none is near."""
+    solved = []
+
+    def counted(system, *args):
+        solved.append(type(system))
+        return solve(system, *args)
+
+    monkeypatch.setattr(extended_system, "solve", counted)
+    inclined = ImpactPair(beta=math.pi / 6.0, r=0.3, A=5.0, s=0.34)
+    (orbit,) = find_orbits(inclined, "2:1", parameter="s")[:1]
+    tests = functions(orbit.problem, ["FB"], {})
+    run = walk_both_ways(orbit.problem, orbit.unknowns, (0.25, 0.42), tests, Settings())
+    assert [event.parameter for event in run.events] == pytest.approx([0.356895277], abs=1e-9)
+    assert extended_system.Crossing not in solved
 
 
 @pytest.mark.parametrize("off", [1e-10, 1e-8])
