@@ -430,7 +430,7 @@ def _is_shifted(orbit: Orbit, unknowns: Array, units: Array, same: float) -> boo
     moved[:m] = begun[:m] + shift
     try:
         there, here = (problem.evaluate(state).residual for state in (moved, begun))
-    except ArithmeticError:
+    except (ArithmeticError, ValueError):
         return False
     return bool(np.max(np.abs(there - here) / units) < math.sqrt(same))
 
@@ -477,7 +477,7 @@ def _solve_after(
             here = _solve_from_afar(problem, guess, units)
             once = None if here is None else problem.first_lap(here.unknowns)[1]
             return here if once is None else solve_near(problem, once)
-    except ArithmeticError:
+    except (ArithmeticError, ValueError):
         return None
 
 

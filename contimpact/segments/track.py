@@ -301,8 +301,14 @@ class IntegratedTrack:
 def integrated_track(
     kernels: Fields, wall: str, leave: Sequence[float], values: Sequence[float], length: float
 ) -> IntegratedTrack:
-    """Return the track of a flight that is integrated, from the unknowns where it leaves."""
-    field, numbers = kernels.field(wall)(*leave, *values)
+    """Return the track of a flight that is integrated, from the unknowns where it leaves.
+
+    Raises ArithmeticError where the law has no value, as a root of a negative number.
+    """
+    try:
+        field, numbers = kernels.field(wall)(*leave, *values)
+    except ValueError as error:
+        raise ArithmeticError(f"the law has no value: {error}") from error
     return _track(field, tuple(numbers), length)
 
 

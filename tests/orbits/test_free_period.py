@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import tomllib
 from types import SimpleNamespace
 
 import mpmath
@@ -373,6 +374,42 @@ def test_multipliers_of_van_der_pol_by_the_divergence():
     start = [1.5, -0.7 * orbit.velocities[0], 0.0]
     divergence = solve_ivp(flow, (0.0, orbit.period), start, **TIGHT).y[2, -1]
     assert orbit.multipliers == [pytest.approx(0.49 * math.exp(divergence), rel=1e-10)]
+
+
+VALVE = """
+name = "relief valve"
+[model]
+system = "hybrid"
+period = "2*pi"
+parameters = { q = 8.2 }
+[model.modes.open]
+y = "v"
+v = "-1.25*v - (y + 10) + p"
+p = "20*(q - y*sqrt(p))"
+[model.guards.S]
+within = "y >= 0"
+set = { v = "-0.8*v" }
+[follow]
+parameter = "q"
+range = [0.5, 10]
+orbits = ["0"]
+"""
+
+
+@integrated
+@pytest.mark.parametrize("q", [5.0, 6.2, 8.2])
+def test_searches_for_cycles_pass_states_at_which_a_law_has_no_value(q):
+    """A root of a pressure below zero ended them with an error: math domain error."""
+    model = ci.read_scene(tomllib.loads(VALVE)).model.replace(q=q)
+    for orbit in ci.find_orbits(model, "0", parameter="q"):
+
+        def flow(t, z):
+            y, v, p = z
+            return [v, -1.25 * v - y - 10.0 + p, 20.0 * (q - y * math.sqrt(p))]
+
+        begin = orbit.motion(3)
+        start = [begin.x[0, 0], 0.0, begin.x[0, 1]]
+        assert solve_ivp(flow, (0.0, orbit.period), start, **TIGHT).y[:, -1] == pytest.approx(start)
 
 
 @pytest.fixture(scope="module")
