@@ -469,8 +469,12 @@ class FreeQuietProblem(WithoutForcing, QuietProblem):
         return moved
 
     def first_lap(self, unknowns: Array) -> tuple[QuietProblem, Array]:
-        """Return an orbit run once, of up to `MOST_LAPS` laps."""
-        for laps in range(MOST_LAPS, 1, -1):
+        """Return an orbit run once: it has at least a turn of the first coordinate in each lap."""
+        span = self.span(unknowns)
+        track = self._track(unknowns, self.state(unknowns), self.values(unknowns), span)
+        speeds = track.at(np.linspace(0.0, span, TURNING_SAMPLES))[1][:, 0]
+        turns = int(np.count_nonzero((speeds[:-1] > 0.0) & (speeds[1:] <= 0.0)))
+        for laps in range(max(turns + 1, MOST_LAPS), 1, -1):
             once = unknowns.copy()
             once[1] /= laps
             if self.solved_by(once):

@@ -376,6 +376,17 @@ def test_multipliers_of_van_der_pol_by_the_divergence():
     assert orbit.multipliers == [pytest.approx(0.49 * math.exp(divergence), rel=1e-10)]
 
 
+@integrated
+@pytest.mark.parametrize("laps", [3, 9, 11, 22])
+def test_a_cycle_run_several_times_is_run_once(laps):
+    """Nine laps were read as three: a limit cycle came twice, once with three times its period."""
+    model = VanDerPol(epsilon=1.0, sigma=2.2, r=0.7)
+    (free,) = ci.find_orbits(model, "0", parameter="sigma")
+    unknowns = free.unknowns.copy()
+    unknowns[1] *= laps
+    assert free.problem.first_lap(unknowns)[1][1] == pytest.approx(VAN_DER_POL, abs=1e-12)
+
+
 VALVE = """
 name = "relief valve"
 [model]
