@@ -368,12 +368,14 @@ def _notes_on_unsettled(sweep: Sweep) -> Iterator[str]:
     """What is not known of a sweep whose motion has not settled at some values."""
     for way in sweep.directions:
         rows = sweep.of(way)
-        values = [row.value for row in rows if not row.attractor.settled]
-        if values:
+        unsettled = [row for row in rows if not row.attractor.settled]
+        advice = "more simulate.periods or, for complex motion, simulate.impacts may tell it"
+        for why in dict.fromkeys(row.attractor.broken_off for row in unsettled):
+            values = [row.value for row in unsettled if row.attractor.broken_off == why]
             yield (
                 f"{way}: {len(values)} of {count_text(len(rows), 'motion')} did not settle, the "
-                f"first at {sweep.parameter} = {values[0]:.6g}; no attractor is known there: more "
-                "simulate.periods or, for complex motion, simulate.impacts may tell it"
+                f"first at {sweep.parameter} = {values[0]:.6g}; no attractor is known there: "
+                f"{why or advice}"
             )
 
 

@@ -20,7 +20,7 @@ from ..orbits.status import multipliers
 from ..results.branch import same_data
 from ..schema import build_record
 from ..segments.bounded import UNIT
-from .run import Run, State
+from .run import Outcome, Run, State
 from .simulator import Simulator
 
 
@@ -156,6 +156,13 @@ class Attractor(ParameterItems, NotebookResult):
     def settled(self) -> bool:
         """Whether it is known what the motion is."""
         return self.kind is not Kind.NOT_SETTLED
+
+    @property
+    def broken_off(self) -> str:
+        """Where and why the simulation of one that has not settled ended by itself, if it did."""
+        name, _, letter = self.notation.partition(" (")[2].rstrip(")").partition(" at ")
+        known = not self.settled and name in Outcome.__members__
+        return f"at {letter} {Outcome[name].value}" if known else ""
 
     def __eq__(self, other: object) -> bool:
         return same_data(self, other) if isinstance(other, Attractor) else NotImplemented

@@ -698,7 +698,10 @@ def _attractor_of_end(simulator: Simulator, run: Run) -> Attractor:
     kind, state = _ENDS[run.outcome], run.end
     if kind is Kind.RESTING and state and not isinstance(simulator.machine, OneCoordinate):
         state = replace(state, held=simulator.machine.leave(state)[1])
-    return Attractor(kind, simulator.parameters, kind.value, simulator.period, state=state)
+    named = kind.value
+    if kind is Kind.NOT_SETTLED and run.end is not None:
+        named += f" ({run.outcome.name} at {simulator.model.letters[run.end.wall]})"
+    return Attractor(kind, simulator.parameters, named, simulator.period, state=state)
 
 
 def without_impact(

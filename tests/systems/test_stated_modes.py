@@ -16,12 +16,14 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, fsolve, root
 
 import contimpact as ci
+from contimpact.diagrams.scene_simulation import _notes_on_unsettled
 from contimpact.errors import InputError
 from contimpact.models.stated_modes import StatedMode
 from contimpact.results.scene import read_scene
 from contimpact.segments.checking import check_model
 from contimpact.segments.kernels import Kernels
 from contimpact.simulation.run import Outcome
+from contimpact.simulation.sweep import Row, Sweep
 
 BRANCHES = Path(__file__).parents[2] / "branches"
 EXACT = {"rtol": 1e-13, "atol": 1e-13, "method": "DOP853"}
@@ -585,6 +587,10 @@ def test_a_mode_that_begins_behind_a_guard_ends_the_run(impacts):
     simulator = ci.Simulator(read_scene(table).model)
     run = simulator.run(simulator.state("I", 0.1, 0.4, (0.0, 0.0)), impacts=impacts)
     assert (run.word, run.outcome) == ("R", Outcome.BEYOND)
+    found = ci.settle(simulator, simulator.state("I", 0.1, 0.4, (0.0, 0.0)))
+    assert found.notation == "not settled (BEYOND at R)"
+    (note,) = _notes_on_unsettled(Sweep(simulator.model, "d", [Row("down", 0.3, found)]))
+    assert note.endswith(f"no attractor is known there: at R {Outcome.BEYOND.value}")
     assert run.others[0, 0] == pytest.approx(0.588229554, abs=1e-9)
     starts = [simulator.random_state(seed) for seed in range(20)]
     assert all(start.wall == 0 or start.others[0] <= 0.3 for start in starts)
