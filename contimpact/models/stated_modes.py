@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from random import Random
 from typing import Any, TypeAlias
@@ -232,6 +232,7 @@ def modes_of_table(given: Mapping[str, Any], parameters: Sequence[str]) -> State
     )
     if not modes:
         raise InputError("modes", "none", "give at least one")
+    modes = tuple(_in_one_order(modes))
     tables = {name: _guard_table(name, g, modes) for name, g in given["guards"].items()}
     sections = dict.fromkeys(
         name
@@ -282,6 +283,18 @@ def _mode(name: str, laws: Any, taken: Sequence[str]) -> StatedMode:
         raise InputError(where, f"found {count_text(len(mode.laws), 'law')}", accepted)
     _check_names(mode.variables, where, taken)
     return mode
+
+
+def _in_one_order(modes: Sequence[StatedMode]) -> Iterator[StatedMode]:
+    """Modes whose laws of variables that earlier modes have are in the order that these have."""
+    order: dict[str, int] = {}
+    for mode in modes:
+        known = iter(
+            sorted((law for law in mode.laws if law[0] in order), key=lambda e: order[e[0]])
+        )
+        yield replace(mode, laws=tuple(next(known) if e[0] in order else e for e in mode.laws))
+        for variable in mode.variables:
+            order.setdefault(variable, len(order))
 
 
 def _guard_table(

@@ -656,3 +656,32 @@ def test_a_guard_of_several_modes_is_within_the_guards_of_one_of_them():
     starts = [simulator.random_state(seed) for seed in range(40)]
     assert all(np.max(np.abs(start.others[::2])) < 100.0 for start in starts)
     assert {simulator.run(start, impacts=50).outcome for start in starts} == {Outcome.DONE}
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_columns_do_not_depend_on_the_order_in_which_a_mode_lists_its_laws(swapped):
+    """A column of the motion was p in one mode and q in the other."""
+    free = {"x": "v", "v": "cos(w*t) - 0.2*v - x", "p": "x - p", "q": "1 - q"}
+    pressed = free | {"v": "cos(w*t) - 0.2*v - x - 9*(x - d)", "q": "3 - q"}
+    if swapped:
+        pressed = {name: pressed[name] for name in ("q", "p", "x", "v")}
+    table = {
+        "name": "columns",
+        "model": {
+            "system": "hybrid",
+            "period": "2*pi/w",
+            "parameters": {"w": 1.0, "d": 0.5},
+            "modes": {"free": free, "pressed": pressed},
+            "guards": {
+                "C": {"mode": "free", "within": "x <= d", "to": "pressed"},
+                "R": {"mode": "pressed", "within": "x >= d", "to": "free"},
+            },
+        },
+        "follow": {"parameter": "d", "range": [0.1, 1.0], "orbits": ["CR"]},
+    }
+    model = read_scene(table).model
+    motion = next(o for o in ci.find_orbits(model, "CR", parameter="d") if o.physical).motion(50)
+    _, p, q = motion.x.T
+    assert motion.v[:, 1] == pytest.approx(motion.x[:, 0] - p, abs=1e-12)
+    assert 1.0 < q.min() < q.max() < 3.0
+    assert np.abs(np.diff(q)).max() < 0.2
