@@ -718,10 +718,13 @@ def _is_related(entry: Entry, transition: Transition) -> bool:
         return False
     if entry.kind == "G" and not entry.word and freed:
         return True
-    return any(_repeats(s.word or "", s.period or 0, entry) for s in periodic) or (
-        entry.becomes is not None
-        and any(is_rotation(s.word or "", entry.becomes.split("/")[0]) for s in periodic)
-    )
+    if any(_repeats(s.word or "", s.period or 0, entry) for s in periodic):
+        return True
+    if entry.becomes is None:
+        return False
+    word, _, periods = entry.becomes.partition("/")
+    period = int(periods.rstrip("T") or 1)
+    return any((s.period or 1) == period and is_rotation(s.word or "", word) for s in periodic)
 
 
 def _repeats(word: str, period: int, entry: Entry) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from zoo import ROOT, scene_table
 
-from contimpact import continue_orbit
+from contimpact import continue_orbit, load_entries
 from contimpact.diagrams.explore import follow
 from contimpact.orbits.search import find_orbits
 from contimpact.results.options import Settling
@@ -22,7 +22,9 @@ from contimpact.simulation.run import State
 from contimpact.simulation.sweep import Row, Simulators, Sweep, cover, scene_fragment, sweep
 from contimpact.simulation.transitions import (
     A_STEP,
+    Side,
     Transition,
+    _is_related,
     explain_transition,
     find_transitions,
     goes_on,
@@ -410,6 +412,16 @@ def test_changes_from_and_to_no_impacts_are_named_by_the_event_that_lies_there()
         (bound,) = explain_transition(step, diagram, found).explanations
         assert (bound.entry, bound.role) == (entry.id, "bounds")
         assert explain_transition(step, diagram, found).kind is None
+
+
+@pytest.mark.parametrize(("period", "related"), [(1, True), (2, False)])
+def test_an_orbit_of_another_period_is_not_the_one_a_grazing_leads_to(period, related):
+    """The grazing of 1:2/2T onto (3:4)/2T was said to bound the end of (3:4)/3T."""
+    entries = load_entries(ROOT / "branches" / "fig7")
+    grazing = next(e for e in entries if (e.word, e.becomes) == ("BT", "BBT"))
+    chaos = Side(0.31, "complex", "complex", None, None, 1.0, None, None)
+    orbit = Side(0.30, "periodic", "", "BBT", period, 3.0 / period, None, None)
+    assert _is_related(grazing, Transition("down", "TG", "", None, chaos, orbit, 0.01)) is related
 
 
 def test_a_sweep_from_no_forcing_at_all_names_its_end():
