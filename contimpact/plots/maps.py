@@ -22,8 +22,8 @@ from .lines import label_axis, plain_text, set_label
 NAMED = ("#d5e5f2", "#56a0ce", "#f0c05a", "#1f4e79", "#cccccc", "#77913f", "#5b3a6b", "#c9733f")
 """Colours of names that are no kinds of events: of numbers from the first on, of others from the
 fifth on."""
-PALE = 0.45
-"""How far colours of events are mixed with white."""
+PALE = (0.45, 0.05, 0.75, 0.25)
+"""How far colours of events are mixed with white: of the first name of a kind, the second, ..."""
 LINES = ("-", "--", ":", "-.")
 
 
@@ -59,8 +59,7 @@ def save_map(
 
 def _draw_names(ax: Any, shown: Map) -> list[Any]:
     names = sorted({str(value) for value in shown.values if value is not None})
-    others = [name for name in names if not name.isdecimal()]
-    colours = [_colour(name, others.index(name) if name in others else 0) for name in names]
+    colours = [_colour(name, [n for n in names if _family(n) == _family(name)]) for name in names]
     numbers = np.array(
         [np.nan if v is None else names.index(str(v)) for v in shown.values], dtype=float
     )
@@ -116,14 +115,21 @@ def _draw_curves(ax: Any, shown: Map) -> list[Any]:
     return handles
 
 
-def _colour(name: str, place: int) -> Any:
-    """The colour of a name: an event's own, mixed with white, or the next of `NAMED`."""
+def _family(name: str) -> str | bool:
+    """What names have colours of one row: a kind of events, or whether they are numbers."""
     kind = name.lstrip("~").partition("[")[0]
-    if kind not in KINDS:
-        return NAMED[(int(name) - 1 if name.isdecimal() else 4 + place) % len(NAMED)]
+    return kind if kind in KINDS else name.isdecimal()
+
+
+def _colour(name: str, alike: Sequence[str]) -> Any:
+    """The colour of a name: its kind's own, mixed with white, or the next of `NAMED`."""
+    kind, place = _family(name), alike.index(name)
+    if isinstance(kind, bool):
+        return NAMED[(int(name) - 1 if kind else 4 + place) % len(NAMED)]
     from matplotlib.colors import to_rgb
 
-    return tuple(PALE + (1.0 - PALE) * part for part in to_rgb(kind_of(kind).look.colour))
+    pale = PALE[place % len(PALE)]
+    return tuple(pale + (1.0 - pale) * part for part in to_rgb(kind_of(kind).look.colour))
 
 
 def _label_text(name: str) -> str:

@@ -353,6 +353,15 @@ def test_a_part_of_a_grid_is_a_grid_and_a_sample_none(tmp_path):
         scattered.zeros()
 
 
+def test_names_of_one_kind_have_colours_of_their_own():
+    """Two grazings had the same, on the map and in its legend."""
+    names = ["G[1:1->2:1]", "G[1:1->1:2]", "~G[1:1->2:1]", "PD", "range", "2"]
+    axes, points = ("beta", "r"), np.arange(6.0)
+    shown = contimpact.studies.study.Map("s", "ends", "t", axes, points, points, names, True)
+    patches = contimpact.plots.maps.plot_map(shown).get_legend().get_patches()
+    assert len({patch.get_facecolor() for patch in patches}) == len(names)
+
+
 @pytest.mark.full
 def test_the_command_draws_the_maps_and_says_what_they_show(store, tmp_path, capsys):
     assert main(["atlas", str(store), "-o", str(tmp_path), "--study", NAME]) == 0
