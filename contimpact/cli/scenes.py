@@ -218,9 +218,9 @@ def _orbits(scene: Scene, kernels: Any, tell: Progress) -> list[str]:
         if found and not done.settled:
             shown += f"; numerics.rounds = {scene.rounds} ended the search, there may be more"
         if not found:
-            missing.append(not_found(scene, kernels, word, tell))
-            shown += missing[-1].but
-            shown += f"; {missing[-1].nearby or missing[-1].nowhere}"
+            missing.append(here := not_found(scene, kernels, word, tell))
+            shown += here.but
+            shown += "" if here.family else f"; {here.nearby or here.nowhere}"
         lines.append(f"{name_orbit(word.notation(letters), str(word), 'word ')}: {shown}")
     surveyed = scene.survey and any(each.elsewhere for each in missing)
     if len(missing) == len(scene.orbits) and not surveyed:

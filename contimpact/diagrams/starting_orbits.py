@@ -30,6 +30,7 @@ from ..orbits.search import (
     SAME_ORBIT,
     Search,
     add_orbits,
+    fills_a_family,
     reduce_period,
     rotate_to_word,
     search,
@@ -290,6 +291,8 @@ class NotFound:
     unphysical: int = 0
     """Unphysical orbits at the start, where such orbits are not followed; physical ones that were
     found elsewhere are followed then."""
+    family: bool = False
+    """Whether the orbits at the start are not isolated."""
 
     @classmethod
     def of(cls, scene: Scene, kernels: Kernels, word: Word) -> NotFound:
@@ -299,7 +302,9 @@ class NotFound:
         shorter = [w for w in word.repeated() if here(w).orbits]
         tried = scene.parameter, scene.start, scene.starts, min(scene.rounds, 2)
         notations, glance = tuple(w.notation(letters) for w in shorter), _quick_search(scene).starts
-        return cls(word, word.notation(letters), *tried, notations, starts_elsewhere=glance)
+        family = not word.walls and fills_a_family(problem_of(scene.model, word, kernels))
+        found = cls(word, word.notation(letters), *tried, notations, starts_elsewhere=glance)
+        return replace(found, family=family)
 
     def also_at(self, value: float, count: int) -> NotFound:
         """Return the same after a search at another value, and how many orbits it found."""
@@ -309,6 +314,8 @@ class NotFound:
     @property
     def but(self) -> str:
         """What was found instead, in words; empty if nothing was."""
+        if self.family:
+            return " but a family that cannot be followed (as where nothing holds a coordinate)"
         return f" but {repetitions(self.repeated)}" if self.repeated else ""
 
     @property
@@ -322,7 +329,7 @@ class NotFound:
             followed = surveyed or self.unphysical
             done = "followed from there" if followed else "follow.survey = true follows them"
             return f"{self}; {self.nearby} ({done})"
-        return f"{self}" + (f", {self.nowhere}" if self.tried else "")
+        return f"{self}" + (f", {self.nowhere}" if self.tried and not self.family else "")
 
     @property
     def nowhere(self) -> str:

@@ -313,6 +313,24 @@ def _without_impacts(
     return Search(found, QUIET_STARTS, quiet == ROUNDS_IN_VAIN)
 
 
+def fills_a_family(problem: OrbitProblem) -> bool:
+    """Whether motions without impacts, in closed form, all come back, but none is isolated, as
+    where nothing holds a coordinate."""
+    if problem.autonomous or problem.kernels.integrated(SECTION):
+        return False
+    free = [problem.model.values[name] for name in problem.kernels.parameters]
+    here = problem.evaluate(np.append(np.zeros(problem.m), free))
+    if _is_regular(here):
+        return False
+    table = np.column_stack([here.cyclic(1.0)[:, : problem.n], here.residual])
+    for axis in (1, 0):
+        largest = np.max(np.abs(table), axis=axis, keepdims=True)
+        table = table / np.where(largest > 0.0, largest, 1.0)
+    matrix, goal = table[:, :-1], table[:, -1]
+    left = goal - matrix @ np.linalg.lstsq(matrix, goal, rcond=SAME_ORBIT)[0]
+    return bool(np.max(np.abs(left)) <= SAME_ORBIT * np.max(np.abs(goal)))
+
+
 def _solve_quietly(
     problem: OrbitProblem,
     generator: np.random.Generator,

@@ -433,3 +433,28 @@ def test_values_at_which_the_steps_of_integration_run_out_are_not_looked_at(monk
     assert missing.elsewhere == ()
     assert missing.tried == 0
     assert "flights take too many steps of integration" in missing.nowhere
+
+
+@pytest.mark.parametrize(("b", "family"), [(0.0, True), (0.1, False)])
+def test_motions_that_nothing_holds_in_its_place_are_a_family(b, family):
+    """A damped mass without a spring swings about any place, unless a constant force moves it."""
+    table = {
+        "name": "free",
+        "model": {
+            "system": "two-stops",
+            "parameters": {
+                "a": 1.0,
+                "b": b,
+                "omega": 1.3,
+                "c": 0.3,
+                "k": 0.0,
+                "sigma": 1.0,
+                "r": 0.7,
+            },
+        },
+        "follow": {"parameter": "omega", "range": [1.2, 1.4], "orbits": ["0", "1:1"]},
+        "detect": {"events": []},
+    }
+    notes = " ".join(follow(read_scene(table)).statistics["notes"])
+    assert ("no 0 orbit but a family that cannot be followed" in notes) is family
+    assert ("no 0 orbit was found" in notes) is not family
