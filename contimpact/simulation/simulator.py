@@ -636,7 +636,7 @@ def _flow_of_section(simulator: Simulator, mode: str) -> Flow | None:
     own = mode == simulator.model.first_mode
     left = SECTION if own else simulator.letters[wall_into(simulator.model, mode)]
     if kernels.integrated(left):
-        return functools.partial(_integrated_flow, simulator, left)
+        return functools.partial(_integrated_flow, simulator, left, mode)
     if not (kernels.planar and own):
         return None
     kernel, (by,) = kernels.since(guard.name), guard.row(1)
@@ -648,13 +648,19 @@ def _flow_of_section(simulator: Simulator, mode: str) -> Flow | None:
 
 
 def _integrated_flow(
-    simulator: Simulator, left: str, state: Sequence[float], time: float
+    simulator: Simulator, left: str, mode: str, state: Sequence[float], time: float
 ) -> list[float]:
-    """The flow from t = 0 in the mode after a guard, or the first one; see `_end_of`."""
-    freedom = simulator.model.DEGREES_OF_FREEDOM
+    """The flow from t = 0 in the mode after a guard, or the first one; see `_end_of`.
+
+    Velocities of coordinates of first order are by their laws: a state may be of other values.
+    """
+    freedom, (place, speed) = simulator.model.DEGREES_OF_FREEDOM, (state[::2], state[1::2])
+    if not isinstance(simulator.machine, OneCoordinate):
+        moving = simulator.machine.moving(wall_into(simulator.model, mode), 0.0, place, speed)
+        place, speed = moving.reshape(2, -1).tolist()
     field, numbers = simulator.kernels.field(left)(*[0.0] * (2 * freedom), *simulator.values)
     n = statement(field).freedom
-    begin = [numbers[0], *state[: 2 * n : 2], *state[1 : 2 * n : 2], *numbers[1 + 2 * n :]]
+    begin = [numbers[0], *place[:n], *speed[:n], *numbers[1 + 2 * n :]]
     return _padded(IntegratedTrack(field, begin, time), time, freedom)
 
 

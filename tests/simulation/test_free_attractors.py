@@ -473,3 +473,37 @@ def test_a_sweep_goes_on_where_a_state_is_beyond_its_limit_at_other_values():
     moved = settle_again(there, found)
     assert moved.notation == "KDR"
     np.testing.assert_allclose(moved.velocities, other.velocities, rtol=1e-9)
+
+
+def test_an_equilibrium_of_coordinates_of_first_order_moves_with_the_parameter():
+    """It kept the state at the first value: a drill string's steady rotation, which is stable down
+    to W = ln(15) / 0.4 = 6.77, was left at 10.36, where the basin no longer held W = 20."""
+    pytest.importorskip("heyoka", reason="needs contimpact[ode]")
+    table = {
+        "name": "drill string",
+        "model": {
+            "system": "hybrid",
+            "period": 4.7,
+            "parameters": {"W": 12.0},
+            "modes": {
+                "slip": {"q": "W - v", "v": "(473*q + 120*(W - v) - 4500 - 4500*exp(-0.4*v))/374"},
+                "stick": {"q": "W"},
+            },
+            "guards": {
+                "S": {"mode": "slip", "within": "v >= 0", "to": "stick"},
+                "P": {
+                    "mode": "stick",
+                    "within": "q <= (9000 - 120*W)/473",
+                    "to": "slip",
+                    "set": {"v": 0},
+                },
+            },
+        },
+        "follow": {"parameter": "W", "range": [5.0, 20.0], "orbits": ["SP"]},
+    }
+    found = ci.sweep(ci.read_scene(table).model, "W", [20.0, 12.0, 10.5, 9.0, 7.0, 6.0])
+    for row in found.rows[:-1]:
+        assert row.attractor.notation == "no impact, at rest"
+        force = (4500.0 + 4500.0 * math.exp(-0.4 * row.value)) / 473.0
+        assert row.attractor.motion == pytest.approx((force, 0.0, row.value, 0.0), abs=1e-9)
+    assert found.rows[-1].attractor.word == "SP"
