@@ -312,8 +312,11 @@ def _limit_of_multipliers(here: Linearisation, known: Sequence[Linearisation]) -
 
 
 def _impact_at_rest(here: CurvePoint) -> tuple[int, str, float]:
-    impact = here.details["impact"]
-    return impact, here.orbit.problem.word.walls[impact], 0.0
+    """The touch is the end of the flight before: the impact may be a jump."""
+    orbit, impact = here.orbit, here.details["impact"]
+    before = (impact - 1) % len(orbit.problem.word)
+    begin, end = orbit.problem.times_around(orbit.unknowns, before)
+    return before, orbit.problem.word.walls[impact], end - begin
 
 
 def remove_impact(here: Linearisation, details: Details) -> tuple[OrbitProblem, Array] | None:

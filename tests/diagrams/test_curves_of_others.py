@@ -1,9 +1,10 @@
-"""A curve that another package's demonstration follows, against its closed form."""
+"""Curves of other systems, against their closed forms."""
 
 import numpy as np
 import pytest
 
 import contimpact as ci
+from contimpact.results.scene import read_scene
 from contimpact.systems.oscillator import Oscillator
 
 
@@ -21,3 +22,29 @@ def test_grazing_orbits_of_an_oscillator():
     a, omega = curve["a"], curve["omega"]
     assert (omega.min(), a.max()) == (0.2, 1.0)
     assert np.max(np.abs(a - np.hypot(1.0 - omega**2, 0.1 * omega))) < 1e-12
+
+
+def test_a_jump_touches_where_the_flight_before_it_ends():
+    """A forced neuron fires at 1 without a rate. The touch is degenerate where the rate's own rate
+    vanishes, too: I - g = a at the forcing's minimum. After the reset it does elsewhere."""
+    g, w = 0.7, 6.0
+    given = {
+        "system": "hybrid",
+        "period": "2*pi/w",
+        "parameters": {"I": 1.34, "a": 0.66, "g": g, "w": w},
+        "modes": {"m": {"V": "I - g*V + a*cos(w*t)"}},
+        "guards": {"S": {"mode": "m", "within": "V <= 1", "set": {"V": "0"}}},
+    }
+    follow = {"parameter": "I", "range": [1.2, 1.5], "orbits": ["1"]}
+    model = read_scene({"name": "neuron", "model": given, "follow": follow}).model
+    events = [
+        event
+        for orbit in ci.find_orbits(model, "1", parameter="I")
+        for event in ci.continue_orbit(orbit, range=(1.2, 1.5), events=["V"]).events
+    ]
+    curve = ci.follow_curve(events[0], model, "a", (1.2, 1.5), (0.6, 0.75))
+    ((kind, place),) = ((point.kind, point.parameters) for point in curve.points)
+    decay = 1.0 - np.exp(-2.0 * np.pi * g / w)
+    a = (1.0 / decay - 1.0) / (1.0 / g - g / (g**2 + w**2))
+    assert kind == "DG"
+    assert (place["a"], place["I"]) == pytest.approx((a, g + a), abs=1e-12)
