@@ -29,7 +29,7 @@ from ..continuation.walk import reraise_interruption
 from ..models.guards import Word, is_rotation
 from ..models.model import Model
 from ..orbits.orbit import Orbit
-from ..orbits.problem import OrbitProblem, Summary
+from ..orbits.problem import Linearisation, OrbitProblem, Summary
 from ..orbits.quiet import problem_of
 from ..orbits.search import (
     find_orbits,
@@ -39,7 +39,7 @@ from ..orbits.search import (
     search_for,
     solve_near,
 )
-from ..orbits.status import PHYSICAL
+from ..orbits.status import PASSES, PHYSICAL, WRONG_WAY
 from ..progress import Progress
 from ..results.branch import Branch, Entry, columns_of, details_of, orbit_of
 from ..results.curve import BIRTHS, NOT_SOLVED, Coverage, Curve
@@ -350,9 +350,12 @@ class NearMiss:
 
 
 def near_misses(run: Run, kinds: Sequence[str]) -> list[NearMiss]:
-    """Return the near misses on a run, of the kinds for which one is told."""
+    """Return the near misses on a run, of the kinds for which one is told; of those that change
+    what is physical where the orbit violates nothing else, nearly."""
     points, problem = run.points, run.problem
     rows = points.unknowns
+    physical = Summary.of(points.numbers).findings[:, 0] == PHYSICAL
+    near = np.convolve(physical, np.ones(3), "same") > 0.0
     return [
         NearMiss(
             problem.word,
@@ -366,7 +369,18 @@ def near_misses(run: Run, kinds: Sequence[str]) -> list[NearMiss]:
         if kind in VANISHING
         for index, values in enumerate(VANISHING[kind](points).T)
         for row in _turning_places(values)
+        if near[row] or _violates_no_more(points[row].evaluation, kind_of(kind).finding)
     ]
+
+
+def _violates_no_more(orbit: Linearisation, finding: int | None) -> bool:
+    """Whether an orbit would be physical but for findings of one sort; True for none."""
+    if finding == PASSES:
+        passed = {(t.flight, t.wall) for f in orbit.gaps for t in f.touches if t is not None}
+        return orbit.judge(forgive_touches=passed).physical
+    if finding == WRONG_WAY:
+        return orbit.judge(forgive_impacts=range(len(orbit.problem.word))).physical
+    return True
 
 
 def _turning_places(values: Array) -> list[int]:

@@ -14,7 +14,7 @@ import pytest
 from zoo import scene
 
 from contimpact.diagrams.explore import follow
-from contimpact.diagrams.map_lines import near_misses, run_along
+from contimpact.diagrams.map_lines import _gaps, _turning_places, near_misses, run_along
 from contimpact.segments.kernels import Kernels
 
 HALF, A, R = 30.0, 0.2, 0.9
@@ -81,3 +81,22 @@ def test_near_misses_are_extrema_on_one_side_of_zero():
     assert not any(event.kind in ("FB", "PD") for run in runs for event in run.events)
     assert {miss.kind for miss in found} == {"FB", "PD"}
     assert all(abs(miss.unknowns[-1]) < 0.1 * HALF for miss in found)
+
+
+def test_near_misses_of_gaps_are_those_of_orbits_that_violate_nothing_else():
+    """Descents from ghosts took most of a map's time. No orbit of this run is physical."""
+    given = scene(
+        model={
+            "system": "oscillator",
+            "parameters": {"a": 1.0, "omega": 1.3, "c": 0.1, "k": 1.0, "sigma": 0.2, "r": 0.6},
+        },
+        follow={"parameter": "omega", "range": [0.7, 3.2], "orbits": ["2"]},
+        curves={"parameter": "sigma", "range": [-0.6, 1.2]},
+    )
+    word, kernels = given.orbits[0], Kernels(given.model, "omega")
+    runs = run_along(given, given.model, word, kernels, given.range, [1.0, 2.0, 2.6])
+    assert not any(point.evaluation.verdict.physical for run in runs for point in run.points)
+    counts = [[len(near_misses(run, [kind])) for run in runs] for kind in ("FB", "G")]
+    extrema = [sum(map(len, map(_turning_places, _gaps(run.points).T))) for run in runs]
+    assert sum(extrema) > 0
+    assert [sum(count) > 0 for count in counts] == [True, False]
