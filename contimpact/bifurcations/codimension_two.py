@@ -174,6 +174,10 @@ class GrazingCoincides(CurveTest):
         return "G", {"flight": touch.flight, "wall": touch.wall, "touch_time": touch.time}
 
 
+BRIEF = 3e-5
+"""Part of the period below which a contact vanishes with the velocities at its ends."""
+
+
 class StopCoincides(CurveTest):
     """An impact of the bifurcating orbit loses its velocity."""
 
@@ -195,7 +199,13 @@ class StopCoincides(CurveTest):
         return found and replace(found, details={"changes": self.changes})
 
     def other(self, here: CurvePoint, index: int) -> tuple[str, Details]:
-        return "V", {"impact": index}
+        """V of an impact, of a contact that vanishes with it, or of the end of one that lasts."""
+        problem, before = here.orbit.problem, (index - 1) % len(here.orbit.problem.word)
+        contacts = [k for k in (index, before) if k in problem.excursions]
+        ends = {k: problem.times_around(here.orbit.unknowns, k) for k in contacts}
+        if any(abs(end - begin) < BRIEF * here.orbit.span for begin, end in ends.values()):
+            return "V", {"impact": min(contacts, key=lambda k: abs(ends[k][1] - ends[k][0]))}
+        return "V", {"impact": index} | ({"flight": before} if contacts else {})
 
 
 class OrderCoincides(CurveTest):

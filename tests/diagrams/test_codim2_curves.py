@@ -14,7 +14,7 @@ from contimpact.bifurcations.kind import kind_of
 from contimpact.diagrams.curve_problem import CurveProblem, double_of
 from contimpact.diagrams.curves import follow_curve
 from contimpact.diagrams.explore import follow
-from contimpact.diagrams.map_explorer import follow_codim2
+from contimpact.diagrams.map_explorer import entries_born, follow_codim2
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.errors import InputError
 from contimpact.models.guards import Word
@@ -22,6 +22,7 @@ from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
 from contimpact.results.catalogue import load_diagram, load_entries, write_diagram
 from contimpact.results.options import CURVE_SETTINGS
+from contimpact.results.scene import read_scene
 from contimpact.segments.kernels import Kernels
 from contimpact.storage import read_bounded
 from contimpact.systems.impact_pair import ImpactPair
@@ -262,3 +263,43 @@ def test_a_gpd_of_free_period_is_followed():
     found = follow_codim2(entry, point, detect=False, **about)
     assert [found["la"][0], found["la"][-1]] == pytest.approx(limits[2])
     assert [found["om"][-1], found["A"][-1]] == pytest.approx([0.971783910967, 24.5920517051])
+
+
+def test_the_end_of_a_contact_that_lasts_stops_where_its_orbit_doubles():
+    """Its V is told by the flight that ends there; maps ended in an error, asking for another."""
+    model = read_scene(
+        {
+            "name": "beam",
+            "model": {
+                "system": "hybrid",
+                "period": "2*pi/w",
+                "parameters": {"a": 0.9718, "w": 0.51, "k": 4.0, "d": 0.2, "r": 0.7, "e": 1.5},
+                "modes": {
+                    "left": {"x": "v", "v": "a*cos(w*t) - 0.08*v - x"},
+                    "right": {"x": "v", "v": "a*cos(w*t) - 0.08*v - x - k*(x - d)"},
+                },
+                "guards": {
+                    "P": {"mode": "left", "within": "x <= d", "to": "right"},
+                    "N": {"mode": "right", "within": "x >= d", "to": "left"},
+                    "S": {"mode": "left", "within": "x >= -e", "set": {"v": "-r*v"}},
+                },
+            },
+            "follow": {"parameter": "w", "range": [0.49, 0.53], "orbits": ["PNS"]},
+        }
+    ).model
+    events = [
+        event
+        for orbit in find_orbits(model, "PNS", parameter="w")
+        for event in continue_orbit(orbit, range=(0.49, 0.53), events=["PD"]).events
+    ]
+    ranges = [(0.49, 0.53), (0.95, 0.99)]
+    curve = follow_curve(events[0], model, "a", *ranges)
+    (point,) = (point for point in curve.points if point.kind == "PD-V")
+    pair = Kernels(model, "w", "a")
+    found = list(entries_born(events[0], point, model, ["V"], pair, ranges))
+    assert len(found) == 2
+    for entry in found:
+        assert abs(entry.impacts[1]["velocity"]) < 1e-12
+        assert entry.impacts[0]["velocity"] > 0.1
+        again = continue_orbit(entry.orbit(model), range=ranges[0], events=["V"]).events
+        assert min(abs(event.value - entry.value) for event in again) < 1e-12
