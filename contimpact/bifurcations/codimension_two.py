@@ -134,6 +134,10 @@ class CurveTest(TestFunction[CurvePoint]):
     def details(self, point: Point[CurvePoint], index: int) -> Details:
         return {"index": index, "changes": self.changes}
 
+    def at_rest(self, orbit: Linearisation) -> list[int]:
+        """Return the values that vanish with the motion itself, of impacts that are none."""
+        return []
+
     def other(self, here: CurvePoint, index: int) -> tuple[str, Details] | None:
         """Return the kind of event that happens there besides the curve's, and where on the orbit.
 
@@ -191,6 +195,9 @@ class StopCoincides(CurveTest):
     def of(self, here: CurvePoint) -> ArrayLike:
         return here.orbit.problem.impacts(here.orbit.unknowns)[:, 1]
 
+    def at_rest(self, orbit: Linearisation) -> list[int]:
+        return orbit.resting
+
     def locate(
         self, problem: Problem[CurvePoint], guess: Point[CurvePoint], index: int
     ) -> Location | None:
@@ -208,6 +215,10 @@ class StopCoincides(CurveTest):
         return "V", {"impact": index} | ({"flight": before} if contacts else {})
 
 
+NO_TIME = 1e-9
+"""Part of the period below which a flight between impacts at rest is rounding."""
+
+
 class OrderCoincides(CurveTest):
     """A flight of the bifurcating orbit loses its duration, but for excursions: theirs go with
     velocities."""
@@ -222,11 +233,19 @@ class OrderCoincides(CurveTest):
         )
 
     def of(self, here: CurvePoint) -> ArrayLike:
-        orbit = here.orbit
+        return self.durations(here.orbit)
+
+    @staticmethod
+    def durations(orbit: Linearisation) -> Array:
+        """Those of flights, as parts of the period."""
         times = orbit.problem.impacts(orbit.unknowns)[:, 0]
         durations = np.append(times[1:], times[:1] + orbit.span) - times
         durations[list(orbit.problem.excursions)] = np.nan
         return np.asarray(durations / orbit.span)
+
+    def at_rest(self, orbit: Linearisation) -> list[int]:
+        at_once = np.abs(self.durations(orbit)) < NO_TIME
+        return np.flatnonzero(at_once).tolist() if orbit.resting else []
 
     def other(self, here: CurvePoint, index: int) -> tuple[str, Details]:
         return "T", {"flight": index}

@@ -331,15 +331,14 @@ class ParameterTurn(TestFunction):
 
 class OtherKindTest(TestFunction):
     """A test function of one of two kinds' curves, on the curve where both happen, which has that
-    name; `own` are that kind's own unknowns, and the value `without` vanishes all along."""
+    name; `own` are that kind's own unknowns, and the values `without` vanish all along."""
 
-    def __init__(self, name: str, test: CurveTest, own: slice, without: int | None = None) -> None:
+    def __init__(self, name: str, test: CurveTest, own: slice, without: Sequence[int] = ()) -> None:
         self.kind, self.test, self.own, self.without = f"{name}, {test.kind}", test, own, without
 
     def values(self, point: Point) -> Array:
         values = self.test.values(self.of_one(point))
-        if self.without is not None:
-            values[self.without] = np.nan
+        values[list(self.without)] = np.nan
         return values
 
     def of_one(self, point: Point) -> Point[_CurvePoint]:
@@ -419,8 +418,8 @@ def _pair(here: Linearisation, kind: Kind, other: Kind, details: Details) -> Dou
     size = len(one.start(here))
     tests: list[TestFunction] = []
     for test in (t for t in _curve_tests(kind, problem) if t.pole != other.name):
-        vanishing = _place(problem, details) if test.kind == name else None
-        tests.append(OtherKindTest(name, test, slice(0, size), vanishing))
+        vanishing = [_place(problem, details)] if test.kind == name else []
+        tests.append(OtherKindTest(name, test, slice(0, size), [*vanishing, *test.at_rest(here)]))
     mutual = {*MUTUAL, f"{other.name}-{kind.name}"}
     theirs = (t for t in _curve_tests(other, problem) if t.pole != kind.name)
     tests += [OtherKindTest(name, t, slice(size, None)) for t in theirs if t.kind not in mutual]
@@ -433,11 +432,12 @@ def _pair(here: Linearisation, kind: Kind, other: Kind, details: Details) -> Dou
 
 
 def _place(problem: OrbitProblem, details: Details) -> int:
-    """Which of the values of a test function belongs to a touch or an impact, if either does."""
+    """Which of the values of a test function belongs to an impact, a flight, or a touch on one, if
+    one of them does."""
     if "impact" in details:
         return int(details["impact"])
-    if "flight" not in details:
-        return 0
+    if "wall" not in details:
+        return int(details.get("flight", 0))
     walls = problem.model.letters
     return int(details["flight"]) * len(walls) + walls.index(details["wall"])
 

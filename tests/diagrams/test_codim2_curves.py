@@ -26,6 +26,7 @@ from contimpact.results.scene import read_scene
 from contimpact.segments.kernels import Kernels
 from contimpact.storage import read_bounded
 from contimpact.systems.impact_pair import ImpactPair
+from contimpact.systems.oscillator import Oscillator
 
 pytestmark = pytest.mark.usefixtures("compiled_where_it_pays")
 
@@ -303,3 +304,29 @@ def test_the_end_of_a_contact_that_lasts_stops_where_its_orbit_doubles():
         assert entry.impacts[0]["velocity"] > 0.1
         again = continue_orbit(entry.orbit(model), range=ranges[0], events=["V"]).events
         assert min(abs(event.value - entry.value) for event in again) < 1e-12
+
+
+@pytest.mark.full
+def test_impacts_that_are_none_at_one_instant_make_no_points_of_rounding():
+    """At twice the natural frequency a kick leaves no displacement after a period: two impacts at
+    rest, at one instant, solve the equations of FB-V and FB-T for any restitution."""
+    model = Oscillator(a=1.0, omega=1.45, c=0.1, k=1.0, sigma=-0.431052744, r=0.6)
+    events = [
+        event
+        for orbit in find_orbits(model, "2", parameter="omega")
+        for event in continue_orbit(orbit, range=(1.4, 1.6), events=["FB"]).events
+    ]
+    ranges = [(1.3, 2.2), (-0.45, -0.3), (0.4, 0.8)]
+    points = {
+        point.id: (event, point)
+        for event in events[:1]
+        for point in follow_curve(event, model, "sigma", *ranges[:2]).points
+    }
+    kinds = []
+    for event, point in points.values():
+        if point.kind in ("FB-T", "FB-V"):
+            found = follow_codim2(event, point, model, second="sigma", third="r", ranges=ranges)
+            assert (found.points, found.missed) == ([], [])
+            assert found["omega"] == pytest.approx(2.0 * math.sqrt(1.0 - 0.1**2 / 4.0), rel=1e-12)
+            kinds.append(point.kind)
+    assert {*kinds} == {"FB-T", "FB-V"}
