@@ -68,6 +68,9 @@ RETURNING = 40_000
 WIDER, RARE = 5.0, 1e-3
 """An attractor has widened if more than this part of its impacts is further from all impacts before
 than that many times what as large a part of these is from all of its own."""
+LONGER = 0.25, 64
+"""At this part of a distance beyond a crisis motion lasts so many times as long at most: transients
+become longer by the distance's third power, or less."""
 RUNS = 10
 """As many times that, after which no attractor has changed; and as many times the impacts in which
 motion leaves beyond a crisis, which the attractor has to last beside it."""
@@ -587,6 +590,12 @@ def _crisis(
     if after.kind not in (Kind.COMPLEX, Kind.NOT_SETTLED):
         type_ = "boundary"
         lasting = min(lasting, RUNS * (made + math.ceil(after.periods * attractor.rate)))
+        near = orbit_near(orbit, value + LONGER[0] * (beyond - value))
+        most = LASTING if simulator.machine.batch(LASTING) else STRETCH
+        most = min(most, LONGER[1] * lasting)
+        if near is not None and _lasts(near, attractor, most, keeping=False):
+            lives = f"motion beyond, at {near.value:.9g}, stays complex for {most} impacts"
+            return NoCrisis(f"{touches}, no attractor ends: {lives}")
     keeping = type_ in ("interior", "merging")
     if keeping or lasted < lasting:
         lasted = lasting if _lasts(orbit, attractor, lasting, keeping) else 0

@@ -634,6 +634,20 @@ def before_many(beta, r, word, start):
     return orbit, next(m for m in motions if m.kind is Kind.COMPLEX)
 
 
+def test_an_attractor_that_goes_on_beyond_a_tangency_does_not_end_there():
+    """At 0.3937902 it was said to end, from motion that had left at 0.39308. By bisection with a
+    million impacts at each value it ends between 0.3934822 and 0.3934823."""
+    pair = ImpactPair(beta=0.54, r_B=0.31, r_T=0.28, A=6.0, s=0.3945)
+    orbits = find_orbits(pair, "2:1", parameter="s")
+    (orbit,) = (o for o in orbits if o.physical and not o.stable)
+    found = locate_crisis(orbit)
+    assert isinstance(found, NoCrisis)
+    assert "motion beyond, at 0.3936" in found.reason
+    state = settle(Simulator(pair), Simulator(pair).random_state(11)).state
+    beyond = Simulator(pair.replace(s=0.3936))
+    assert settle(beyond, beyond.run(state, impacts=1_000_000).end).kind is Kind.COMPLEX
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("beta", "r", "word", "start", "lasts", "left"), MANY)
 def test_the_nearest_of_many_tangencies_is_the_crisis(beta, r, word, start, lasts, left):
