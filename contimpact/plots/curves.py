@@ -237,6 +237,7 @@ def plot_curves(
             tinted += own
         else:
             bands += _draw_regions(ax, panel, keys, checks)
+    for ax in axes[: len(panels)]:  # after all: this ends scaling by data, also of shared axes
         ax.set_xlim(xlim)
         ax.set_ylim(ylim)
     if len(panels) == 1:

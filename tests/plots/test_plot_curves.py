@@ -199,6 +199,16 @@ def test_members_share_an_axis_where_none_is_squeezed():
     assert [ax.get_title() for ax in squeezed] == [rf"$\beta$ = {b}" for b in (0.1, 0.2, 0.3)]
 
 
+def test_shared_axes_hold_the_curves_of_all_members():
+    low, high = (
+        curve(("s", "r"), fixed={"A": a}, s=top * (0.9 + 0.1 * RAMP), r=0.2 + 0.3 * RAMP)
+        for a, top in ((5.0, 0.4), (6.0, 0.5))
+    )
+    for ax in plot_curves([low, high], along="s"):
+        bottom, top = ax.get_ylim()
+        assert bottom < low["s"].min() < high["s"].max() < top
+
+
 def test_orbits_are_told_apart():
     """Two period doublings differ in colour and name, and their bands lie side by side."""
     two = curve(("s", "r"), notation="2:1", s=0.2 + 0.1 * RAMP, r=RAMP)
