@@ -584,8 +584,11 @@ def _norm(matrices: Array) -> float:
 
 
 def _times(dt: Any, matrix: Array, series: bool) -> Array:
-    """A matrix times a time: a number, numbers of shape (..., 1, 1), or those of a series."""
-    return _convolve(np.multiply, dt, matrix) if series else np.asarray(dt * matrix)
+    """A matrix times a time: a number, numbers of shape (..., 1, 1), or those of a series.
+
+    The matrix first: mpmath's numbers write out arrays before they leave a product to them.
+    """
+    return _convolve(np.multiply, dt, matrix) if series else np.asarray(matrix * dt)
 
 
 def mean_rates(
