@@ -574,7 +574,7 @@ def free_motion(
     if flow is not None and mode == simulator.model.first_mode and affine:
         return _fixed_point_of(flow, simulator.period)
     if isinstance(left, State):
-        after = _flow_of_impact(simulator, left)
+        after = _flow_of_impact(simulator, left, simulator.longest_flight)
         return after and _repeating_motion(simulator, after, left.wall)
     if flow is None or left is None:
         return None
@@ -664,11 +664,15 @@ def _integrated_flow(
     return _padded(IntegratedTrack(field, begin, time), time, freedom)
 
 
-def _flow_of_impact(simulator: Simulator, left: State) -> Callable[[float], list[float]] | None:
-    """The same after an impact; None of several coordinates that are not integrated."""
+def _flow_of_impact(
+    simulator: Simulator, left: State, periods: int
+) -> Callable[[float], list[float]] | None:
+    """The same after an impact, for so many periods; None of several coordinates that are not
+    integrated."""
     kernels, name = simulator.kernels, simulator.letters[left.wall]
     if not kernels.planar:
-        return functools.partial(_end_of, simulator, left) if kernels.integrated(name) else None
+        known = kernels.integrated(name)
+        return functools.partial(_end_of, simulator, left, periods) if known else None
     kernel = kernels.motion(name)
     place, (by,) = simulator.positions[left.wall], simulator.model.WALLS[left.wall].row(1)
 
@@ -680,10 +684,20 @@ def _flow_of_impact(simulator: Simulator, left: State) -> Callable[[float], list
     return flow
 
 
-def _end_of(simulator: Simulator, left: State, time: float) -> list[float]:
+def motion_after(simulator: Simulator, left: State, periods: int) -> list[float] | None:
+    """Return position and velocity of each coordinate so many periods after the start of the period
+    of a last impact, x0, v0, x1, v1, ...; None where that has no value, or is not known."""
+    after = _flow_of_impact(simulator, left, periods)
+    try:
+        return after and after(periods * simulator.period)
+    except ArithmeticError:
+        return None
+
+
+def _end_of(simulator: Simulator, left: State, periods: int, time: float) -> list[float]:
     """Position and velocity of each coordinate after an impact whose flight is integrated."""
     name, row = simulator.letters[left.wall], [left.phase, *left.section]
-    length = simulator.longest_flight * simulator.period - left.phase
+    length = periods * simulator.period - left.phase
     track = integrated_track(simulator.kernels, name, row, simulator.values, length)
     return _padded(track, time - left.phase, simulator.model.DEGREES_OF_FREEDOM)
 
