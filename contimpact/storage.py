@@ -607,7 +607,7 @@ def csv_of_records(rows: Sequence[Mapping[str, Any]], first: Sequence[str] = ())
 
 def _cell(value: Any, shown: Callable[[str], str]) -> Any:
     if isinstance(value, float):
-        return repr(value)
+        return float.__repr__(value)  # NumPy's own names its type
     if isinstance(value, bool):
         return int(value)
     if isinstance(value, str) and value:

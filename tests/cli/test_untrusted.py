@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from mutations import SCENE, SIMULATE, sealed, written
 
@@ -295,6 +296,7 @@ def test_texts_are_no_formulas(text):
     header = next(csv.reader([csv_text([text], [], exact=True)]))[0]
     assert unescape_text(header) == text.replace("\r", "\\r")
     assert csv_text(["a"], [[-1.5, True, -2, None, "b=1"]]) == "a\n-1.5,1,-2,,b=1\n"
+    assert csv_text(["a"], [[np.float64(-1.5), np.int64(2)]]) == "a\n-1.5,2\n"
 
 
 def test_control_characters_in_tables():
