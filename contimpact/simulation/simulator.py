@@ -552,6 +552,8 @@ def _rows(*columns: Any) -> Array:
 CONTRACTS = 1.0 - 1e-9
 """A map contracts if its multipliers are below this; undamped they are one within rounding."""
 
+TOGETHER = 16
+"""Periods for which a motion is followed before it is looked at."""
 REPEATED, ROUNDED = 1e-9, 1e-13
 """A motion that differs by less from one period to the next has settled, by its size; below this
 part of the place of the wall that it has left, it is rounding."""
@@ -573,12 +575,13 @@ def free_motion(
     affine = not simulator.kernels.integrated(SECTION)
     if flow is not None and mode == simulator.model.first_mode and affine:
         return _fixed_point_of(flow, simulator.period)
+    onward = flow if simulator.kernels.integrated(_letter_before(simulator, mode)) else None
     if isinstance(left, State):
-        after = _flow_of_impact(simulator, left, simulator.longest_flight)
-        return after and _repeating_motion(simulator, after, left.wall)
+        after = _flow_of_impact(simulator, left)
+        return after and _repeating_motion(simulator, after, onward, left.wall)
     if flow is None or left is None:
         return None
-    return _repeating_motion(simulator, functools.partial(flow, left), 0)
+    return _repeating_motion(simulator, functools.partial(flow, left), onward, 0)
 
 
 def state_after(
@@ -633,8 +636,7 @@ def _flow_of_section(simulator: Simulator, mode: str) -> Flow | None:
     """The flow from t = 0 of a mode that is integrated, or, of one coordinate, of the first one, by
     kernels; None of others."""
     kernels, guard = simulator.kernels, simulator.model.WALLS[0]
-    own = mode == simulator.model.first_mode
-    left = SECTION if own else simulator.letters[wall_into(simulator.model, mode)]
+    own, left = mode == simulator.model.first_mode, _letter_before(simulator, mode)
     if kernels.integrated(left):
         return functools.partial(_integrated_flow, simulator, left, mode)
     if not (kernels.planar and own):
@@ -645,6 +647,12 @@ def _flow_of_section(simulator: Simulator, mode: str) -> Flow | None:
         return [float(x) / by for x in kernel(*state, time, *simulator.values)[:2]]
 
     return flow
+
+
+def _letter_before(simulator: Simulator, mode: str) -> str:
+    """What flights in a mode are named by: a guard that leads to it, or the section t = 0."""
+    model = simulator.model
+    return SECTION if mode == model.first_mode else simulator.letters[wall_into(model, mode)]
 
 
 def _integrated_flow(
@@ -664,15 +672,11 @@ def _integrated_flow(
     return _padded(IntegratedTrack(field, begin, time), time, freedom)
 
 
-def _flow_of_impact(
-    simulator: Simulator, left: State, periods: int
-) -> Callable[[float], list[float]] | None:
-    """The same after an impact, for so many periods; None of several coordinates that are not
-    integrated."""
+def _flow_of_impact(simulator: Simulator, left: State) -> Callable[[float], list[float]] | None:
+    """The same after an impact; None of several coordinates that are not integrated."""
     kernels, name = simulator.kernels, simulator.letters[left.wall]
     if not kernels.planar:
-        known = kernels.integrated(name)
-        return functools.partial(_end_of, simulator, left, periods) if known else None
+        return functools.partial(_end_of, simulator, left) if kernels.integrated(name) else None
     kernel = kernels.motion(name)
     place, (by,) = simulator.positions[left.wall], simulator.model.WALLS[left.wall].row(1)
 
@@ -684,22 +688,11 @@ def _flow_of_impact(
     return flow
 
 
-def motion_after(simulator: Simulator, left: State, periods: int) -> list[float] | None:
-    """Return position and velocity of each coordinate so many periods after the start of the period
-    of a last impact, x0, v0, x1, v1, ...; None where that has no value, or is not known."""
-    after = _flow_of_impact(simulator, left, periods)
-    try:
-        return after and after(periods * simulator.period)
-    except ArithmeticError:
-        return None
-
-
-def _end_of(simulator: Simulator, left: State, periods: int, time: float) -> list[float]:
+def _end_of(simulator: Simulator, left: State, time: float) -> list[float]:
     """Position and velocity of each coordinate after an impact whose flight is integrated."""
-    name, row = simulator.letters[left.wall], [left.phase, *left.section]
-    length = periods * simulator.period - left.phase
+    name, row, length = simulator.letters[left.wall], [left.phase, *left.section], time - left.phase
     track = integrated_track(simulator.kernels, name, row, simulator.values, length)
-    return _padded(track, time - left.phase, simulator.model.DEGREES_OF_FREEDOM)
+    return _padded(track, length, simulator.model.DEGREES_OF_FREEDOM)
 
 
 def _padded(track: IntegratedTrack, time: float, freedom: int) -> list[float]:
@@ -733,14 +726,17 @@ def _fixed_point_of(flow: Flow, period: float) -> tuple[float, ...] | None:
 
 
 def _repeating_motion(
-    simulator: Simulator, flow: Callable[[float], list[float]], wall: int
+    simulator: Simulator, after: Callable[[float], list[float]], onward: Flow | None, wall: int
 ) -> tuple[float, ...] | None:
     """The motion after its longest flight, beside a wall, if it is the same a period before."""
     row = simulator.model.WALLS[wall].row(simulator.model.DEGREES_OF_FREEDOM)
     by, period = max(row, key=abs), simulator.period
     longest, place = simulator.longest_flight, simulator.positions[wall]
     try:
-        ends = [flow(periods * period) for periods in (longest - 1, longest)]
+        if onward is None or simulator.model.autonomous:
+            ends = np.array([after(periods * period) for periods in (longest - 1, longest)])
+        else:
+            ends = _settled_states(onward, after(period), period, longest - 1)
     except ArithmeticError:
         return None
     places, rounding = natural_places(ends, simulator.period), ROUNDED * abs(place / by)
@@ -748,6 +744,23 @@ def _repeating_motion(
     if not (apart <= max(REPEATED * size, rounding) or simulator.model.autonomous):
         return None
     return tuple(np.where(np.abs(places[1]) > rounding, ends[1], 0.0).tolist())
+
+
+def _settled_states(onward: Flow, state: list[float], period: float, most: int) -> Array:
+    """States a period apart, of a motion from t = 0 on: after so many periods, or before, where
+    what is left of the way, by the rate at which it has become shorter, is rounding, twice."""
+    passed, first, still = 0, 0.0, 0
+    ends = np.array([state, state])
+    while passed < most and still < 2:
+        many = min(TOGETHER, most - passed)
+        before = onward(state, (many - 1) * period) if many > 1 else state
+        state, passed = onward(before, period), passed + many
+        places = natural_places(ends := np.array([before, state]), period)
+        apart, size = (float(np.max(np.abs(x))) for x in (places[1] - places[0], places[1]))
+        first = apart if passed == many else first
+        rate = (apart / first) ** (1.0 / passed) if first else 0.0
+        still = still + 1 if apart * rate <= (1.0 - rate) * ROUNDED * size else 0
+    return ends
 
 
 ROUNDS, SAMPLES = 16, 64

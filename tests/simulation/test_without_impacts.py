@@ -21,6 +21,7 @@ from contimpact.models.model import Guard, Mode
 from contimpact.orbits.search import find_orbits
 from contimpact.results.diagram import Diagram
 from contimpact.results.options import Settling
+from contimpact.segments.track import IntegratedTrack
 from contimpact.simulation.attractor import Attractor, Kind
 from contimpact.simulation.settle import settle_again
 from contimpact.simulation.simulator import state_after
@@ -405,6 +406,24 @@ def test_motion_of_several_coordinates_that_is_integrated_is_known(wall, mode, n
     assert np.ravel([place, velocity], "F") == pytest.approx(quarter[:, -1], abs=1e-8)
     matches = cover(Sweep(scene.model, "a", [Row("up", 0.1, found)]), follow_scene(scene)).matches
     assert len(matches) == (mode == "in")
+
+
+def test_motion_is_followed_until_it_has_settled(monkeypatch):
+    """Not for a thousand periods; the orbit is solved for."""
+    pytest.importorskip("heyoka")
+    follow = {"parameter": "a", "range": [0.09, 0.11], "orbits": ["0"]}
+    model = read_scene({"name": "coupled", "model": COUPLED, "follow": follow}).model
+    simulator, flown = Simulator(model), []
+
+    def counted(field, numbers, length):
+        flown.append(length / simulator.period)
+        return IntegratedTrack(field, numbers, length)
+
+    monkeypatch.setattr("contimpact.simulation.simulator.IntegratedTrack", counted)
+    motion = settle(simulator, simulator.state("R", 0.5, -0.3, (0.0, 0.0))).motion
+    assert 50 < sum(flown) < 150
+    orbits = find_orbits(model, "0", parameter="a")
+    assert min(np.max(np.abs(o.unknowns[:4] - motion)) for o in orbits) < 1e-13
 
 
 @pytest.mark.skipif(importlib.util.find_spec("heyoka") is None, reason="needs contimpact[ode]")
