@@ -339,6 +339,8 @@ def wanted(hint: Any, where: str, rule: Key, here: Any) -> str:
         return rule.accepted
     if kind in (types.UnionType, typing.Union):
         return wanted(inner[0], where, rule, here)
+    if hint is str and rule.choices:
+        return " or ".join(f'"{choice}"' for choice in rule.choices)
     if hint is int:
         least, most = _bounds(rule, here)
         return f"a whole number from {least}" + (f" to {most}" if most else "")

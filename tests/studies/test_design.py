@@ -139,6 +139,13 @@ def test_what_is_no_study_is_refused_with_its_place(changes, where, found):
     assert found in caught.value.found
 
 
+def test_a_choice_that_is_missing_is_named():
+    with pytest.raises(InputError) as caught:
+        read_study(study_given() | of_study(sample={"count": 2, "range": {}}))
+    assert (caught.value.where, caught.value.found) == ("study.sample.method", "missing")
+    assert caught.value.accepted == 'give "random" or "sobol"'
+
+
 def test_a_scene_is_no_study_and_a_study_no_scene(tmp_path):
     from small_studies import TOML
 
