@@ -228,3 +228,16 @@ def test_balance_free_period():
     gained = orbit.mean("epsilon*(1 - x**2)*v**2")
     assert gained.value == pytest.approx(ci.losses(orbit).per_time, rel=1e-12)
     assert abs(orbit.mean("v").value) < 1e-14
+
+
+def test_a_variable_that_one_mode_lacks_is_named_with_the_mode():
+    modes = {"free": {"x": "u", "u": "a - x"}, "contact": {"x": "u", "u": "-x - V", "V": "u - V"}}
+    guards = {
+        "C": {"mode": "free", "within": "x <= 1", "to": "contact", "set": {"V": 0}},
+        "R": {"mode": "contact", "within": "x >= 1", "to": "free"},
+    }
+    model = {"system": "hybrid", "period": "1", "modes": modes, "guards": guards}
+    given = {"name": "circuit", "model": model | {"parameters": {"a": 1.0}}}
+    given |= {"follow": {"parameter": "a", "range": [0, 1], "orbits": ["CR"]}}
+    with pytest.raises(InputError, match=r"output.P: 'V', which the mode free does not have"):
+        read_scene(given | {"output": {"P": "V**2"}})

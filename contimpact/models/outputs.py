@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from ..errors import InputError, short_repr
-from .expressions import CONSTANTS, FUNCTIONS, check_expression
+from .expressions import CONSTANTS, FUNCTIONS, check_expression, names_in
 from .model import Model
 
 TIME, VOLTAGE = "t", "U"
@@ -78,6 +78,16 @@ def check_output(output: Output, model: Model, where: str) -> None:
         found = f"an output cannot be called {short_repr(output.name)}"
         accepted = f"give a name of letters and digits other than {', '.join(taken)}"
         raise InputError(where, found, accepted)
+    lacking = [
+        (name, mode.name)
+        for name in names_in(output.expression if not output.contacts else "")
+        if name not in known and any(name in state_names(model, m.name) for m in model.MODES)
+        for mode in model.MODES
+        if name not in state_names(model, mode.name)
+    ]
+    for name, mode in lacking[:1]:
+        found = f"{name!r}, which the mode {mode} does not have"
+        raise InputError(where, found, f"names of all modes are {', '.join(known)}")
     check_expression(output.expression, where, known)
 
 
