@@ -421,13 +421,16 @@ class _CurveExplorer:
             done = walk_orbits(problem, at, direction, tests=[test], gaps=False, **options)
             points = {round(e.parameter, 14): e.point.unknowns for e in done.events}
             points[round(done.end.value, 14)] = done.points[-1].unknowns
+            why = done.end.message
+            if done.end.kind is EndKind.RANGE:  # at the value where it has begun
+                furthest = max((p.parameter for p in done.points), key=lambda v: abs(v - own))
+                why = f"the branch turns back at {name} = {furthest:.6g}"
             for value in wanted:
                 if round(value, 14) in points:
                     reached[value] = (problem, points[round(value, 14)])
                 else:
-                    self.notes.append(
-                        f"{name} = {value:.9g} was not reached from {own:.9g}: {done.end.message}"
-                    )
+                    note = f"{name} = {value:.9g} was not reached from {own:.9g}: {why}"
+                    self.notes.append(note)
         self.evaluations += problem.kernel_evaluations
         return reached
 

@@ -497,6 +497,28 @@ def test_ranges_and_values_that_do_not_fit_are_refused(limits, values):
 # Curves started at several values, and checked by one-parameter runs.
 
 
+def test_a_member_that_a_fold_keeps_from_the_family_is_named_with_the_fold():
+    """2:1 of Fig. 7 folds at s = 0.356895277: it has no member at 0.37."""
+    parameters = {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.34}
+    given = {
+        "name": "folded",
+        "model": {"system": "impact-pair", "parameters": parameters},
+        "follow": {"parameter": "A", "range": [4.9, 5.1], "orbits": ["2:1"]},
+        "detect": {"events": ["PD"]},
+        "curves": {
+            "parameter": "r",
+            "range": [0.29, 0.31],
+            "kinds": ["PD"],
+            "family": {"s": [0.34, 0.37]},
+        },
+    }
+    notes = follow(read_scene(given)).statistics["notes"]
+    (note,) = {note for note in notes if "was not reached" in note}
+    text, _, turn = note.rpartition(" = ")
+    assert text == "s = 0.37 was not reached from 0.34: the branch turns back at s"
+    assert float(turn) == pytest.approx(0.356895277, abs=1e-5)
+
+
 @pytest.fixture(scope="module")
 def fig6d():
     """Fig. 6(d) at pi/6, where curves through r = 0.5 alone name G[2:1->2:2] first for small r."""
