@@ -381,9 +381,10 @@ def solve_cycle(
 
     The state is at an impact; the period is in forcing periods, 0 without forcing. None if the
     iteration leaves the word or does not converge, or is not `direct` where it has to be: its
-    second step is then at most half of the first, as where the state's own cycle has moved to.
+    second step is then at most half of the first, as where the state's own cycle has moved to, and
+    it crosses no singular derivative, beyond which it would lead to another cycle of a pitchfork.
     """
-    best, word, first = math.inf, None, math.inf
+    best, word, first, side = math.inf, None, math.inf, 0.0
     for count in range(12):
         run = simulator.run(state, impacts=impacts)
         walls, end = run.walls.tolist(), run.end
@@ -399,14 +400,17 @@ def solve_cycle(
         if size < CLOSED or (size >= 0.5 * best and size < ROUNDED):
             mus = _multipliers(simulator, rows)
             return _cycle_of_states(run, rows, period, mus, size)
-        step = _newton_step(map_derivatives(simulator, rows, along=True), miss)
-        if size > 10.0 * best or step is None:
+        newton = _newton_step(map_derivatives(simulator, rows, along=True), miss)
+        if size > 10.0 * best or newton is None:
+            return None
+        step, sign = newton
+        if direct and sign * side < 0.0:
             return None
         if direct and count < 2:
             length = float(np.max(np.abs(step) / sizes))
             if length > 0.5 * first:
                 return None
-            first = length
+            first, side = length, sign
         best = min(best, size)
         state = _moved(state, step, simulator.period)
         if state.velocity * simulator.sides[state.wall] <= 0.0:
@@ -460,9 +464,11 @@ def natural_sizes(sections: Any, period: float, free: bool = False) -> Array:
     return sizes
 
 
-def _newton_step(derivatives: Array, miss: Array, times: int = 1) -> list[float] | None:
+def _newton_step(
+    derivatives: Array, miss: Array, times: int = 1
+) -> tuple[list[float], float] | None:
     """Solve (M - I) step = -miss, with M the product of all derivatives, taken so many times; times
-    that these leave out stay as they are."""
+    that these leave out stay as they are. Returns the step, and the sign of det(M - I)."""
     product = unit = np.eye(derivatives.shape[1])
     free = len(miss) - len(unit)
     if not np.all(np.isfinite(derivatives)):
@@ -475,7 +481,9 @@ def _newton_step(derivatives: Array, miss: Array, times: int = 1) -> list[float]
         step = np.linalg.solve(product - unit, -miss[free:])
     except np.linalg.LinAlgError:
         return None
-    return [0.0] * free + step.tolist() if np.all(np.isfinite(step)) else None
+    if not np.all(np.isfinite(step)):
+        return None
+    return [0.0] * free + step.tolist(), float(np.linalg.slogdet(product - unit)[0])
 
 
 def _shortest_closed(simulator: Simulator, run: Run, impacts: int) -> Cycle | None:
@@ -533,7 +541,7 @@ class Unstable:
         step = _newton_step(np.roll(self.derivatives, -k, axis=0), miss, times)
         if step is None:
             return False
-        before, after = (np.max(np.abs(d) / sizes) for d in (off, off + step))
+        before, after = (np.max(np.abs(d) / sizes) for d in (off, off + step[0]))
         return bool(after < LINEAR * before)
 
 
