@@ -10,7 +10,7 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from ..results.options import SETTLING, Settling
 from ..schema import build_record
 from .attractor import Attractor, Cycle, Kind, repetitions_of, solve_cycle, stable_cycle_beside
 from .settle import periodic
-from .sweep import Row, Simulators, Sweep, same_attractor
+from .sweep import SAME, Row, Simulators, Sweep, same_attractor
 
 # Where an attractor ends between two values of a sweep.
 #
@@ -34,8 +34,8 @@ from .sweep import Row, Simulators, Sweep, same_attractor
 EVALUATIONS = 120
 """Values tried for one change at most."""
 SMALLEST, STEPS = 1.0 / 64.0, 8
-"""Part of half a step of the sweep in which an attractor is followed, if need be, to the next row
-of its word; steps for a motion without impacts."""
+"""Part of the way, from one row to the next or of a width, in which an attractor is followed, if
+need be, to another row of its word; steps for a motion without impacts."""
 SLOW = 0.95
 """Motions settle slowly if a multiplier is larger than this."""
 PATIENCE = 16
@@ -46,9 +46,22 @@ AHEAD, LAST = 0.9, 0.999
 """Part of the way to the predicted end that a step goes; part of a width that the last step is."""
 
 
+class End(NamedTuple):
+    """Where an attractor ends, by rows."""
+
+    earlier: Row
+    left: Row
+    """`earlier`, `left`: two with the attractor, the second one the last."""
+    lost: Row | None
+    """The first beyond the end; None if a motion without impacts cannot be started again there."""
+    right: Row | None
+    """The first from there on at which the motion settles; None if the attractor does not end
+    within ten times the distance of the two rows given."""
+
+
 def locate(
     simulators: Simulators, before: Row, after: Row, width: float, settling: Settling = SETTLING
-) -> tuple[Row, Row, Row | None, Row | None]:
+) -> End:
     """Locate the end of an attractor between two rows.
 
     A periodic attractor, or a motion without impacts, is followed, by Newton's iteration if that is
@@ -56,12 +69,8 @@ def locate(
     not, so that near the end the start is always close to the attractor: a long step can kick the
     motion out of a small basin before its attractor ends. Steps lead to where a quantity that is
     critical at the end would vanish. Other motions are not left in this way; for them the interval
-    is bisected.
-
-    Returns two values with the attractor before, the second one the last; the first beyond the end;
-    and the first from there on at which the motion settles. The last is None if a periodic
-    attractor does not end within ten times the distance of the two rows. The third is None, and the
-    last the second row, where a motion without impacts cannot be started again.
+    is bisected. Where a motion without impacts cannot be started again, what follows is the second
+    row.
     """
     lost: Row | None = after
     gone: Cycle | None = None
@@ -81,12 +90,12 @@ def locate(
         elif not periodic_before or abs(step) <= width:
             row = _row(simulators, left, value, patient)
             if row is None:
-                return earlier, left, None, after
+                return End(earlier, left, None, after)
             on = goes_on(simulators, left, row, settling)
         if on and row:
             earlier, left, won = left, row, won + 1
             if (furthest - left.value) * step <= 0.0:
-                return earlier, left, lost, None
+                return End(earlier, left, lost, None)
             if not follows:
                 step *= 0.5
             elif ahead := _predicted_step(earlier, left, end, width):
@@ -103,13 +112,14 @@ def locate(
         if left.value + step == left.value:
             break
     if not _is_ahead(end, left, step):
-        return earlier, left, lost, None
+        return End(earlier, left, lost, None)
     if periodic_before and (lost is None or not lost.attractor.settled):
         lost = _beside(simulators, left, gone, end, settling.longest) or lost
     lost = lost or _row(simulators, left, end, patient)
     if lost is None:
-        return earlier, left, None, after
-    return earlier, left, lost, _settled_row(simulators, left, lost, furthest, width, settling)
+        return End(earlier, left, None, after)
+    right = _settled_row(simulators, left, lost, furthest, width, settling)
+    return End(earlier, left, lost, right)
 
 
 def _moved_cycle(simulators: Simulators, before: Row, value: float) -> Cycle | None:
@@ -212,21 +222,36 @@ def _motion_goes_on(simulators: Simulators, before: Row, after: Row) -> bool:
     return same_attractor(found, replace(other, motion=tuple(other.unknowns.tolist())))
 
 
-def leads_to(simulators: Simulators, before: Row, after: Row, settling: Settling) -> bool:
-    """Whether an attractor, followed in steps as small as need be, is that of the second row."""
-    if goes_on(simulators, before, after, settling):
+def leads_to(
+    simulators: Simulators,
+    before: Row,
+    after: Row,
+    least: float,
+    settling: Settling,
+    tolerance: float = SAME,
+) -> bool:
+    """Whether an attractor, followed in steps that are halved down to the least one where it is
+    lost and grow again, is that of the second row, or as near to it as a tolerance."""
+    left, step = before, after.value - before.value
+    if step == 0.0:
+        return same_attractor(before.attractor, after.attractor, tolerance)
+    periodic_before = before.attractor.kind is Kind.PERIODIC
+    if not periodic_before and goes_on(simulators, before, after, settling):
         return True
-    left, step = before, 0.5 * (after.value - before.value)
-    least = SMALLEST * abs(step)
-    while before.attractor.label == after.attractor.label and abs(step) > least:
-        near = abs(after.value - left.value) <= abs(step) * (1.0 + 1e-9)
-        row = _row(simulators, left, after.value if near else left.value + step, settling)
-        if row is None or not goes_on(simulators, left, row, settling):
-            step *= 0.5
-        elif near:
-            return same_attractor(row.attractor, after.attractor)
+    while before.attractor.label == after.attractor.label and abs(step) >= least:
+        last = abs(after.value - left.value) <= abs(step) * (1.0 + 1e-9)
+        value = after.value if last else left.value + step
+        if periodic_before:
+            row = _periodic_row(simulators, left, value, _moved_cycle(simulators, left, value))
         else:
-            left = row
+            row = _row(simulators, left, value, settling)
+            row = row if row and goes_on(simulators, left, row, settling) else None
+        if row is None:
+            step *= 0.5
+        elif last:
+            return same_attractor(row.attractor, after.attractor, tolerance)
+        else:
+            left, step = row, 2.0 * step
     return False
 
 
@@ -542,7 +567,8 @@ def all_changes(
 
     What is before a row that has not settled is followed to the next one, or to the last row.
     """
-    return [pair for pair in neighbours(sweep) if not leads_to(simulators, *pair, settling)]
+    pairs = ((*pair, SMALLEST * abs(pair[1].value - pair[0].value)) for pair in neighbours(sweep))
+    return [pair[:2] for pair in pairs if not leads_to(simulators, *pair, settling)]
 
 
 def neighbours(sweep: Sweep) -> Iterator[tuple[Row, Row]]:
@@ -569,7 +595,7 @@ def transitions_between(
     the interval then is one transition without a name, and so is a change of the sweep to another
     basin, where the attractor before goes on.
     """
-    first, span, past = before, after.value - before.value, False
+    first, span, past, least = before, after.value - before.value, False, SMALLEST * width
     for _ in range(MOST):
         target = replace(after, value=before.value + span) if past else after
         earlier, left, lost, right = locate(simulators, before, target, width, settling)
@@ -583,10 +609,13 @@ def transitions_between(
         if lost is None:
             yield _not_followed(left, after)
             return
-        if not leads_to(simulators, left, right, settling):
+        if not leads_to(simulators, left, right, least, settling):
             yield replace(name(left, right, earlier), wide=_width_reason(left, lost, right, width))
-        if right.attractor.label == after.attractor.label:
+        if leads_to(simulators, right, after, least, settling):
             return
+        splits = left.attractor.label == right.attractor.label
+        if splits and leads_to(simulators, after, right, least, settling, BESIDE):
+            return  # the other one of two that begin where a symmetry breaks
         before = right
         past = (after.value - before.value) * span <= 0.0
         if past and not after.attractor.settled:

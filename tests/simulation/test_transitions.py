@@ -356,6 +356,22 @@ def test_a_doubled_orbit_goes_on_where_newtons_iteration_leads_to_the_one_that_d
     assert goes_on(simulators, before, after, QUICK)
 
 
+@pytest.mark.full
+def test_an_orbit_of_a_window_is_not_the_one_of_its_name_before_chaos():
+    """The branch of 1:1/4T doubles, then its doubled orbits; the 1:1/4T at 0.45 is another one."""
+    pair = ImpactPair(beta=1.1465038, r=0.6847645, A=5.5766278, s=0.475)
+    rows = sweep(pair, "s", [0.475, 0.4665, 0.45], settling=QUICK)
+    _, before, after = rows.attractors
+    assert before.notation == after.notation == "1:1/4T"
+    branch = continue_orbit(before.orbit(parameter="s"), range=(0.46, 0.476))
+    doubling = next(event.value for event in branch.events if event.kind == "PD")
+    changes = find_transitions(rows, 1e-6, settling=QUICK)
+    labels = [change.label for change in changes]
+    at = labels.index("PD[1:1/4T->1:1/8T]")
+    assert changes[at].after.value <= doubling <= changes[at].before.value
+    assert labels[at + 1] == "PD[1:1/8T->1:1/16T]"
+
+
 @pytest.mark.parametrize("last", [[], [0.57]])
 def test_transitions_about_a_value_that_has_not_settled_do_not_overlap(last):
     """Complex motion ends just beyond it: a change to, or from, what is not settled was none."""
