@@ -42,6 +42,7 @@ from .run import (
     join_parts,
     make_flights,
     pressing_at,
+    rest_after,
     slow_velocity,
     wall_into,
     wall_on,
@@ -368,11 +369,16 @@ class OneCoordinate:
         """
         runs = self._runs or self.loop
         state, found, made, columns = runs.make(state, span, asked, record, fastest)
-        parts = [columns]
+        parts, limits = [columns], (1, span[1])
+        if found is None and self._slow_runs and self._bounces(state):
+            state, found, count, columns = self._slow_runs.make(
+                state, limits, asked, record, fastest
+            )
+            made += count
+            parts.append(columns)
         if found is None:
             with timed_plainly(runs.engine.identity):
-                one = (1, span[1]), 1, record, fastest
-                state, found, count, columns = self.loop.make(state, *one)
+                state, found, count, columns = self.loop.make(state, limits, 1, record, fastest)
             runs.engine.plain += count
             made += count
             parts.append(columns)
@@ -391,9 +397,22 @@ class OneCoordinate:
     def _runs(self) -> Runs | None:
         """What makes flights whose acceleration depends on the state, but those from rest, where
         all are integrated or follow laws."""
+        return self._runs_left_at(self.body.slow)
+
+    @functools.cached_property
+    def _slow_runs(self) -> Runs | None:
+        """The same for slow impacts, where chatter is not near its end."""
+        return self._runs_left_at(())
+
+    def _runs_left_at(self, slow: Sequence[float]) -> Runs | None:
         if self.zeros is not None:
             return None
         from .linear_flights import runs_of
 
         fixed = self.kernels, self.values, self.positions, self.restitution
-        return runs_of(Setting(*fixed, self.period, self.longest, self.body.slow))
+        return runs_of(Setting(*fixed, self.period, self.longest, slow))
+
+    def _bounces(self, state: State) -> bool:
+        """Whether a slow impact is followed by a flight, and chatter not near its end."""
+        given = self._motion, self.body, state.wall, state.phase, state.velocity
+        return state.velocity != 0.0 and math.isnan(rest_after(*given))
