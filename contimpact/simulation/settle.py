@@ -577,6 +577,8 @@ TIMES = (0.0, 0.5, 0.25, 0.75)
 guards is taken."""
 FIRST = 64
 """Impacts after which a motion is examined for the first time."""
+SPANNED = 8
+"""Periods that are examined at least, unless that takes more impacts than exponents do."""
 PAUSE = 0.5
 """Part of the periods that have passed in vain for which a motion goes on unexamined: to look for
 its cycle takes longer than many impacts do, and chaotic motion has none."""
@@ -633,7 +635,7 @@ def _of_model(found: Attractor, model: Model) -> Attractor:
 def _settled(simulator: Simulator, state: State, settling: Settling) -> Attractor:
     """What the motion from a state settles on."""
     begun = state.turns
-    run = simulator.run(state, impacts=FIRST)
+    run = _examined(simulator, state, FIRST, settling)
     if run.outcome is not Outcome.DONE:
         return _attractor_of_end(simulator, run)
     if (found := _sticking(simulator, run, settling)) is not None:
@@ -652,7 +654,7 @@ def _settled(simulator: Simulator, state: State, settling: Settling) -> Attracto
             run = simulator.run(run.end, periods=pause, record=False)
             if run.outcome is not Outcome.DONE or run.end is None:
                 break
-        run = simulator.run(run.end, impacts=window)
+        run = _examined(simulator, run.end, window, settling)
         window = min(2 * window, 2 * settling.longest)
         found = cycle_near(simulator, run, settling.longest, unstable)
         if found is not None:
@@ -662,6 +664,21 @@ def _settled(simulator: Simulator, state: State, settling: Settling) -> Attracto
                 return periodic(simulator, cycle, distance, periods)
             earlier = (cycle, distance, turns)
     return _attractor_of_end(simulator, run)
+
+
+def _examined(simulator: Simulator, state: State | None, impacts: int, settling: Settling) -> Run:
+    """A run of so many impacts, or of more where they are so many in a period that they are over
+    early: where they accumulate, a period of one word may have hundreds."""
+    run = simulator.run(state, impacts=impacts)
+    while (
+        run.outcome is Outcome.DONE
+        and impacts < settling.impacts
+        and not run.free
+        and run.times[-1] - run.times[0] < SPANNED * run.period
+    ):
+        impacts = min(2 * impacts, settling.impacts)
+        run = simulator.run(state, impacts=impacts)
+    return run
 
 
 def _sticking(simulator: Simulator, run: Run, settling: Settling) -> tuple[Cycle, float] | None:

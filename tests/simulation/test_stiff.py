@@ -7,10 +7,12 @@ import math
 import numpy as np
 import pytest
 
+from contimpact.results.options import SETTLING
 from contimpact.segments import flight
 from contimpact.segments.segment import ARRAYS, evaluate_in
 from contimpact.simulation import flights
 from contimpact.simulation.run import State
+from contimpact.simulation.settle import settle
 from contimpact.simulation.simulator import Simulator
 
 
@@ -142,3 +144,22 @@ def test_a_phase_of_another_period(pair, kernels_of):
     np.testing.assert_allclose(other.times, one.times, rtol=0, atol=1e-12)
     np.testing.assert_allclose(other.velocities, one.velocities, rtol=0, atol=1e-12)
     assert simulator.run(State(0, 14.4, 0.6), periods=3).turns[-1] >= 10
+
+
+@pytest.mark.parametrize("r", [0.9, 0.95])
+def test_chatter_of_hundreds_of_impacts_settles_at_once(oscillator, kernels_of, monkeypatch, r):
+    """The stop is left where a cos(omega t) = k sigma; of the chatter only its end is plain."""
+    values = {"a": 3000.0, "omega": 1.162, "c": 100.0, "k": 7900.0, "sigma": 0.3102, "r": r}
+    model = oscillator(**values)
+    plain, search = [], flights.zeros_in_turn
+    monkeypatch.setattr(
+        flights, "zeros_in_turn", lambda *a, **k: plain.append(a) or search(*a, **k)
+    )
+    found = settle(Simulator(model, kernels_of(model, "sigma")), State(0, 2.77, 1e4))
+    assert (found.label, found.notation) == ("S*/1T", "inf")
+    (released,) = found.times[found.released]
+    leaves = math.acos(7900.0 * 0.3102 / 3000.0) / 1.162
+    assert released % (math.tau / 1.162) == pytest.approx(leaves, abs=1e-12)
+    assert len(found.times) > SETTLING.longest
+    assert found.periods < 20
+    assert len(plain) < 0.02 * len(found.times) * found.periods
