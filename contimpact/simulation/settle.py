@@ -404,6 +404,12 @@ def contraction_of(simulator: Simulator, cycle: Cycle) -> CycleContraction:
     return CycleContraction(mus, tuple(e / count for e in logs), error / count, total / count)
 
 
+def multipliers_alone(_: Simulator, cycle: Cycle) -> CycleContraction:
+    """Return the multipliers as the cycle has them, and no exponents."""
+    mus = tuple(complex(mu) for mu in cycle.multipliers)
+    return CycleContraction(mus, (math.nan,) * len(mus), math.nan, math.nan)
+
+
 def _log(mu: complex) -> float:
     return math.log(abs(mu)) if mu != 0 else -math.inf
 
@@ -447,14 +453,18 @@ def _errors(derivative: Array, off: Array, mus: tuple[complex, ...]) -> list[flo
 
 
 def periodic(
-    simulator: Simulator, cycle: Cycle, distance: float = 0.0, periods: int = 0
+    simulator: Simulator,
+    cycle: Cycle,
+    distance: float = 0.0,
+    periods: int = 0,
+    contracts: Callable[[Simulator, Cycle], CycleContraction] = contraction_of,
 ) -> Attractor:
-    """Return the attractor of a stable cycle."""
+    """Return the attractor of a stable cycle, with exponents as `contracts` gives them."""
     cycle = _first_rotation(cycle, simulator.period)
     sticks = bool(cycle.released.any() or cycle.held.any())
     word = _sticking_word(simulator, cycle) if sticks else _letters(simulator, cycle.walls)
     count, smallest, periods_in = len(cycle.walls), math.nan, cycle.period or cycle.span
-    found = contraction_of(simulator, cycle)
+    found = contracts(simulator, cycle)
     if sticks:
         notation = _sticking_notation(simulator, cycle)
     else:

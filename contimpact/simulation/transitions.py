@@ -23,7 +23,7 @@ from ..results.diagram import Diagram
 from ..results.options import SETTLING, Settling
 from ..schema import build_record
 from .attractor import Attractor, Cycle, Kind, repetitions_of, solve_cycle, stable_cycle_beside
-from .settle import periodic
+from .settle import multipliers_alone, periodic
 from .sweep import SAME, Row, Simulators, Sweep, same_attractor
 
 # Where an attractor ends between two values of a sweep.
@@ -139,7 +139,8 @@ def _periodic_row(
     """The row of a cycle at another value, if it is stable."""
     if cycle is None or abs(cycle.multipliers[0]) >= 1.0:
         return None
-    return Row(before.direction, value, periodic(simulators.at(value), cycle))
+    found = periodic(simulators.at(value), cycle, contracts=multipliers_alone)
+    return Row(before.direction, value, found)
 
 
 def _beside(
