@@ -41,7 +41,7 @@ from .attractor import (
 from .flights import jump_derivative
 from .one_coordinate import OneCoordinate
 from .run import Outcome, Run, State, states_of
-from .simulator import Simulator, as_simulator, free_motion, limit_cycle, state_after
+from .simulator import Simulator, as_simulator, free_motion, limit_cycle, moved_rest, state_after
 
 # Lyapunov exponents, by the contraction along impacts.
 #
@@ -764,19 +764,21 @@ def settle_again(
     """
     if attractor.state is not None:
         return settle(simulator, _start_near(simulator, attractor, attractor.state), settling)
-    if attractor.motion is None:
+    if (motion := attractor.motion) is None:
         return None
+    if attractor.rests:
+        motion = moved_rest(simulator, attractor.mode, motion) or motion
     for part in TIMES:
         time = part * simulator.period
         try:
-            at = state_after(simulator, attractor.mode, attractor.motion, time)
+            at = state_after(simulator, attractor.mode, motion, time)
             state = at and simulator.start(time, *at, attractor.mode)
         except InputError:  # a guard has passed it, or its flights begin at guards alone
             continue
         if at is not None and state is not None:
             return settle(simulator, state, settling)
         if at is not None:
-            found = without_impact(simulator, attractor.mode, attractor.motion)
+            found = without_impact(simulator, attractor.mode, motion)
             return _of_model(found, simulator.model)
     return None
 

@@ -765,6 +765,9 @@ def _settled_states(onward: Flow, state: list[float], period: float, most: int) 
 
 ROUNDS, SAMPLES = 16, 64
 """Natural times for which a motion without forcing is looked at, and instants in each."""
+RESTED, POLISHED = 1e-6, 4
+"""Distance from a state of rest, by its size, at which a motion counts as at rest if that is
+stable; steps of Newton's iteration to it."""
 DISTURBED, GROWS = 1e-6, 1e-7
 """Size of a disturbance, in natural units, and by which part it grows in a natural time if it is
 not rounding."""
@@ -781,6 +784,9 @@ def limit_cycle(
     flow, step = _flow_of_section(simulator, mode), simulator.period / SAMPLES
     if flow is None:
         return None, math.nan
+    rest = _rest_near(simulator, flow, motion)
+    if rest is not None and _is_near(simulator, motion, rest, RESTED):
+        motion = rest
     if _repeat(simulator, motion, flow(motion, simulator.period)):
         return (motion if _is_stable(simulator, flow, motion) else None), 0.0
     turns: list[tuple[float, list[float]]] = []
@@ -797,6 +803,35 @@ def limit_cycle(
     return None, math.nan
 
 
+def moved_rest(
+    simulator: Simulator, mode: str, motion: tuple[float, ...]
+) -> tuple[float, ...] | None:
+    """Return the state to which a state of rest has moved from neighbouring values, if it is stable
+    there: beside a Hopf bifurcation motion comes to it slowly. None where all is linear."""
+    flow = None if simulator.machine.law_in(mode) else _flow_of_section(simulator, mode)
+    rest = flow and _rest_near(simulator, flow, motion)
+    return rest if flow and rest and _is_stable(simulator, flow, rest) else None
+
+
+def _rest_near(
+    simulator: Simulator, flow: Flow, motion: Sequence[float]
+) -> tuple[float, ...] | None:
+    """The state of rest to which Newton's iteration leads from a motion directly."""
+    step, found, before = simulator.period / SAMPLES, np.array(motion), math.inf
+    for _ in range(POLISHED):
+        moving = _flow_derivative(simulator, flow, found, step) - np.eye(len(found))
+        try:
+            way = np.linalg.solve(moving, np.subtract(flow(found.tolist(), step), found))
+        except np.linalg.LinAlgError:
+            return None
+        length = float(np.max(np.abs(natural_places(way[None], simulator.period))))
+        size = float(np.max(np.abs(natural_places(found[None], simulator.period))))
+        if not length <= max(0.5 * before, REPEATED * size):
+            return None
+        found, before = found - way, length
+    return tuple(found.tolist())
+
+
 def _turning_time(flow: Flow, state: Sequence[float], step: float) -> float:
     """When, within a step, the first coordinate ceases to rise."""
     from scipy.optimize import brentq
@@ -809,19 +844,34 @@ def _turning_time(flow: Flow, state: Sequence[float], step: float) -> float:
 
 def _is_stable(simulator: Simulator, flow: Flow, motion: Sequence[float]) -> bool:
     """Whether small disturbances of a motion at rest do not grow."""
-    period, columns = simulator.period, []
+    grown = _flow_derivative(simulator, flow, motion, simulator.period)
+    return bool(np.max(np.abs(np.linalg.eigvals(grown))) < 1.0 + GROWS)
+
+
+def _flow_derivative(
+    simulator: Simulator, flow: Flow, motion: Sequence[float] | Array, time: float
+) -> Array:
+    """How the state after some time depends on that at first, by small disturbances."""
     size = DISTURBED * simulator.fastest
-    units = np.resize([size * period / (2.0 * math.pi), size], len(motion))
-    for disturbance in np.diag(units):
-        ends = [flow(np.add(motion, sign * disturbance), period) for sign in (1.0, -1.0)]
-        columns.append(np.subtract(ends[0], ends[1]) / (2.0 * units))
-    return bool(np.max(np.abs(np.linalg.eigvals(columns))) < 1.0 + GROWS)
+    units = np.resize([size * simulator.period / (2.0 * math.pi), size], len(motion))
+    columns = []
+    for unit, disturbance in zip(units, np.diag(units), strict=True):
+        ends = [flow(np.add(motion, sign * disturbance), time) for sign in (1.0, -1.0)]
+        columns.append(np.subtract(ends[0], ends[1]) / (2.0 * unit))
+    return np.array(columns).T
 
 
 def _repeat(simulator: Simulator, one: Sequence[float], other: Sequence[float]) -> bool:
     """Whether two states are one, by their size."""
+    return _is_near(simulator, one, other, REPEATED)
+
+
+def _is_near(
+    simulator: Simulator, one: Sequence[float], other: Sequence[float], part: float
+) -> bool:
+    """Whether two states are as near to each other as a part of their size."""
     places = natural_places([one, other], simulator.period)
-    return bool(np.max(np.abs(places[1] - places[0])) <= REPEATED * np.max(np.abs(places)))
+    return bool(np.max(np.abs(places[1] - places[0])) <= part * np.max(np.abs(places)))
 
 
 def natural_places(motions: Sequence[Sequence[float]] | Array, period: float) -> Array:

@@ -117,6 +117,20 @@ def test_an_equilibrium_is_an_attractor_where_it_is_stable():
 
 @integrated
 @pytest.mark.full
+def test_an_equilibrium_is_followed_to_its_hopf_bifurcation():
+    """It is where the friction's slope delta mu_0/(1 + delta V)^2 is the damping c; beside it
+    motion comes to rest too slowly to be waited for."""
+    hopf = (math.sqrt(3.0 / 0.2) - 1.0) / 3.0
+    sweep = ci.sweep(belt(), "V", [1.7, 1.0, 0.9])
+    assert [row.attractor.label for row in sweep] == ["no impact, at rest"] * 2 + ["SP"]
+    ends, _ = find_transitions(sweep, 1e-6)
+    assert ends.after.value < hopf < ends.before.value
+    assert ends.before.notation == "no impact, at rest"
+    assert ends.wide is None
+
+
+@integrated
+@pytest.mark.full
 def test_where_a_limit_cycle_comes_to_a_stop():
     """Its amplitude is 2.00861986087484."""
     sweep = ci.sweep(van_der_pol(), "sigma", [2.01, 2.0])
