@@ -302,6 +302,8 @@ CLOSED = 1e-15
 more than `ROUNDED` is where Newton's iteration gains nothing."""
 ROUNDED = 1e-11
 
+STRETCHES = 2.0
+"""A multiplier of the map from a state that is near no attracting cycle."""
 NEAR = 1e-4
 """A motion this close to an earlier impact may be periodic; in periods and largest velocities."""
 SLIGHT = 1e-3
@@ -375,7 +377,13 @@ def map_derivatives(simulator: Simulator, states: Sequence[State], along: bool =
 
 
 def solve_cycle(
-    simulator: Simulator, state: State, impacts: int, period: int, *, direct: bool = False
+    simulator: Simulator,
+    state: State,
+    impacts: int,
+    period: int,
+    *,
+    direct: bool = False,
+    attracting: bool = False,
 ) -> Cycle | None:
     """Solve for the cycle near a state by Newton's iteration on the simulated map.
 
@@ -383,6 +391,8 @@ def solve_cycle(
     iteration leaves the word or does not converge, or is not `direct` where it has to be: its
     second step is then at most half of the first, as where the state's own cycle has moved to, and
     it crosses no singular derivative, beyond which it would lead to another cycle of a pitchfork.
+    Nor is it begun where the state would have to be near an `attracting` cycle, and the map around
+    stretches.
     """
     best, word, first, side = math.inf, None, math.inf, 0.0
     for count in range(12):
@@ -400,7 +410,10 @@ def solve_cycle(
         if size < CLOSED or (size >= 0.5 * best and size < ROUNDED):
             mus = _multipliers(simulator, rows)
             return _cycle_of_states(run, rows, period, mus, size)
-        newton = _newton_step(map_derivatives(simulator, rows, along=True), miss)
+        around = _derivative_around(map_derivatives(simulator, rows, along=True))
+        if attracting and count == 0 and _stretches(around):
+            return None
+        newton = _newton_step(around, miss)
         if size > 10.0 * best or newton is None:
             return None
         step, sign = newton
@@ -418,6 +431,12 @@ def solve_cycle(
     return None
 
 
+def _stretches(around: Array) -> bool:
+    """Whether the map around is that of no attracting cycle near."""
+    known = np.all(np.isfinite(around))
+    return bool(known and np.max(np.abs(np.linalg.eigvals(around))) > STRETCHES)
+
+
 def _moved(state: State, step: Sequence[float], period: float) -> State:
     """A state with another time and section."""
     section = np.add(state.section, step[1:]).tolist()
@@ -432,12 +451,11 @@ def stable_cycle_beside(simulator: Simulator, cycle: Cycle) -> Cycle | None:
     mu, m = complex(cycle.multipliers[0]), len(cycle.multipliers)
     if mu.imag or abs(mu) <= 1.0:
         return None
-    rows, product = cycle.rows(simulator.period), np.eye(m)
-    for derivative in map_derivatives(simulator, rows, along=True):
-        product = derivative @ product
-    if not np.all(np.isfinite(product)):
+    rows = cycle.rows(simulator.period)
+    around = _derivative_around(map_derivatives(simulator, rows, along=True))
+    if not np.all(np.isfinite(around)):
         return None
-    found, vectors = np.linalg.eig(product)
+    found, vectors = np.linalg.eig(around)
     way = np.zeros(simulator.model.unknowns_per_impact)
     way[len(way) - m :] = vectors[:, np.argmin(np.abs(found - mu))].real
     sizes = natural_sizes([rows[0].section], simulator.period, simulator.model.autonomous)
@@ -464,26 +482,29 @@ def natural_sizes(sections: Any, period: float, free: bool = False) -> Array:
     return sizes
 
 
-def _newton_step(
-    derivatives: Array, miss: Array, times: int = 1
-) -> tuple[list[float], float] | None:
-    """Solve (M - I) step = -miss, with M the product of all derivatives, taken so many times; times
-    that these leave out stay as they are. Returns the step, and the sign of det(M - I)."""
-    product = unit = np.eye(derivatives.shape[1])
-    free = len(miss) - len(unit)
-    if not np.all(np.isfinite(derivatives)):
-        return None
+def _derivative_around(derivatives: Array) -> Array:
+    """The product of derivatives from impact to impact, which may not be finite."""
+    product = np.eye(derivatives.shape[1])
     with np.errstate(over="ignore", invalid="ignore"):
         for derivative in derivatives:
             product = derivative @ product
-        product = np.linalg.matrix_power(product, times)
+    return product
+
+
+def _newton_step(around: Array, miss: Array) -> tuple[list[float], float] | None:
+    """Solve (M - I) step = -miss, with the derivative M of the map around; times that it leaves out
+    stay as they are. Returns the step, and the sign of det(M - I)."""
+    unit = np.eye(len(around))
+    free = len(miss) - len(unit)
+    if not np.all(np.isfinite(around)):
+        return None
     try:
-        step = np.linalg.solve(product - unit, -miss[free:])
+        step = np.linalg.solve(around - unit, -miss[free:])
     except np.linalg.LinAlgError:
         return None
     if not np.all(np.isfinite(step)):
         return None
-    return [0.0] * free + step.tolist(), float(np.linalg.slogdet(product - unit)[0])
+    return [0.0] * free + step.tolist(), float(np.linalg.slogdet(around - unit)[0])
 
 
 def _shortest_closed(simulator: Simulator, run: Run, impacts: int) -> Cycle | None:
@@ -492,7 +513,8 @@ def _shortest_closed(simulator: Simulator, run: Run, impacts: int) -> Cycle | No
     others = tuple(run.others[k].tolist()) if run.others.size else ()
     base = State(int(run.walls[k]), float(run.phases[k]), float(run.velocities[k]), others=others)
     turned = run.times[-1] - run.times[-1 - impacts]
-    cycle = solve_cycle(simulator, base, impacts, _periods_in(run, float(turned)))
+    periods = _periods_in(run, float(turned))
+    cycle = solve_cycle(simulator, base, impacts, periods, attracting=True)
     if cycle is None:
         return None
     parts = repetitions_of(cycle, simulator.period)
@@ -538,7 +560,9 @@ class Unstable:
         off[0] -= run.period * round(off[0] / run.period)
         miss = table[last] - table[first]
         miss[0] = run.times[last] - run.times[first] - times * cycle.period * run.period
-        step = _newton_step(np.roll(self.derivatives, -k, axis=0), miss, times)
+        once = _derivative_around(np.roll(self.derivatives, -k, axis=0))
+        with np.errstate(over="ignore", invalid="ignore"):
+            step = _newton_step(np.linalg.matrix_power(once, times), miss)
         if step is None:
             return False
         before, after = (np.max(np.abs(d) / sizes) for d in (off, off + step[0]))

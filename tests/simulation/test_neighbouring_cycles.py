@@ -34,8 +34,8 @@ def test_an_unstable_cycle_is_solved_for_once(monkeypatch):
     """Just beyond the doubling of Fig. 7(a), at s = 0.383143488343, 1:1 is left slowly."""
     solved = []
 
-    def record(*given):
-        solved.append(solve_cycle(*given))
+    def record(*given, **named):
+        solved.append(solve_cycle(*given, **named))
         return solved[-1]
 
     pair = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.382)
