@@ -34,6 +34,7 @@ from ..continuation.corrector import Arc, border_jacobian, first_tangent, orient
 from ..continuation.events import find_events
 from ..continuation.settings import Settings
 from ..continuation.sign_changes import Sample, Stretch
+from ..continuation.walk import SAME_SOLUTION
 from ..models.guards import Word, repetitions
 from ..orbits.problem import Linearisation, OrbitProblem, rounding
 from ..orbits.search import first_lap, reduce_period
@@ -557,7 +558,9 @@ def explain_changes(
     if len(walk.points) < 2 or not sought:
         return walk
     events, missed = list(walk.events), list(walk.missed)
-    turn = walk.points[-1].arclength if walk.end.kind is EndKind.CLOSED else np.inf
+    turn, around = np.inf, [point.unknowns for point in (walk.points[0], walk.points[-1])]
+    if walk.end.kind is EndKind.CLOSED and problem.apart(*around) < SAME_SOLUTION:
+        turn = walk.points[-1].arclength
     places = places_with_status(walk, settings)
     if switched and Change.STABILITY in sought and 1 in places:
         for ends in _ends_of_leaving(problem, walk, settings):

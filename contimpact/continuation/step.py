@@ -158,6 +158,9 @@ BEYOND, FLIPS, DIPS, NEAR_START = 1, 2, 4, 8
 """Notices of a step: it leads out of the range; the orientation flips, or was about to vanish and
 has not; the start may lie on it."""
 
+FEWEST_ROUND = 4.0
+"""Points with which a walk may have come round."""
+
 LITTLE = 0.25
 """Part of the orientation that is left where it is about to vanish."""
 
@@ -418,7 +421,7 @@ def notices(
     reach = 1.5 * abs(now - before) + options[SAME] * size
     if turning < 0.0:  # a start beside the turn may lie beyond both values
         reach = 1.5 * ahead * size
-    if state[POINTS] >= 4.0 and abs(now - options[FIRST]) <= reach:
+    if state[POINTS] >= FEWEST_ROUND and abs(now - options[FIRST]) <= reach:
         found += NEAR_START
     return found
 

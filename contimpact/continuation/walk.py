@@ -47,6 +47,7 @@ from .events import find_events
 from .settings import Settings, require_width
 from .sign_changes import Samples, Stretch
 from .step import (
+    FEWEST_ROUND,
     FIRST_POINT,
     LAST_POINT,
     Backend,
@@ -83,14 +84,26 @@ def keep_interrupted(walk: Callable[[], Walk]) -> Walk:
         return interruption.walk
 
 
-def other_way(first: Walk, parameter: str, walk: Callable[[], Walk]) -> Walk:
-    """Return the walk in the other direction; none on a loop, and none after an interruption."""
+def both_ways(
+    first: Walk, parameter: str, walk: Callable[[Point | None], Walk]
+) -> tuple[Walk, Walk]:
+    """Return the walk in the other direction, and the first one.
+
+    There is none on a loop, and none after an interruption. Where the first one ended with its
+    points, or on request, the other one may come round to this place, given to it as its goal: then
+    both have closed.
+    """
     start = first.points[:1]
     if first.end.kind is EndKind.CLOSED:
-        return Walk(start, (), first.end)
+        return Walk(start, (), first.end), first
     if first.end.kind is EndKind.INTERRUPTED:
-        return Walk(start, (), End.of(EndKind.INTERRUPTED, parameter, start[0].parameter))
-    return keep_interrupted(walk)
+        end = End.of(EndKind.INTERRUPTED, parameter, start[0].parameter)
+        return Walk(start, (), end), first
+    cut = first.end.kind in (EndKind.POINTS, EndKind.STOPPED) and len(first.points) > 1
+    goal = Points([first.points[-1]]).moved(-1.0, 0.0)[0] if cut else None
+    other = keep_interrupted(lambda: walk(goal))
+    closed = other.end.kind is EndKind.CLOSED and goal is not None
+    return other, replace(first, end=other.end) if closed else first
 
 
 def is_interrupted(ends: Iterable[End]) -> bool:
@@ -345,6 +358,7 @@ class Options(TypedDict, total=False):
     branching: bool
     callback: Callable[[Point], bool | None] | None
     progress: Callable[[int, float], None] | None
+    goal: Point | None
 
 
 def walk(
@@ -360,6 +374,7 @@ def walk(
     branching: bool = False,
     callback: Callable[[Point], bool | None] | None = None,
     progress: Callable[[int, float], None] | None = None,
+    goal: Point | None = None,
     policies: Sequence[Policy] = (),
     backend: Backend | None = None,
     meeting: Find | None = None,
@@ -388,6 +403,9 @@ def walk(
         walk.
     progress : callable, optional
         Called with the number of points just recorded, and where the last of them is.
+    goal : Point, optional
+        Another point than the start at which the branch is closed, its tangent in the direction in
+        which it is passed.
     policies : sequence of Policy
         Asked in turn: the first that ends the walk does so.
     backend : Backend, optional
@@ -413,8 +431,10 @@ def walk(
         limits = policy.limits(limits)
     start = checked(np.asarray(start, dtype=float), direction, limits)
     ending = [p for p in policies if type(p).accepted is not Policy.accepted]
-    backend, watching = backend or DenseBackend(problem), (callback, progress, ending, branching)
-    walker = _Walker(problem, backend, parameter, limits, list(tests), settings, *watching)
+    backend, watching = backend or DenseBackend(problem), (callback, progress, ending)
+    walker = _Walker(
+        problem, backend, parameter, limits, list(tests), settings, *watching, branching, goal
+    )
     walker.passes.find = meeting
     try:
         found = walker.run(start, direction, tangent)
@@ -441,6 +461,7 @@ class _Walker:
     progress: Callable[[int, float], None] | None
     ending: Sequence[Policy]
     branching: bool
+    goal: Point | None
     points: Points = field(default_factory=Points)
     events: list[Event] = field(default_factory=list)
     missed: list[MissedEvent] = field(default_factory=list)
@@ -596,7 +617,8 @@ class _Walker:
         numerics = self.numerics(here)
         places = range(-min(3, len(self.points)), -1) if self.seen.follows else ()
         before = [self.points[i] for i in places]
-        place = here, before, self.mark.parameter, len(self.points), step, self.scale
+        count = len(self.points) + (0 if self.goal is None else int(FEWEST_ROUND))
+        place = here, before, self.mark.parameter, count, step, self.scale
         judged = numerics is self.settings, self.passes.find is not None
         position = Position(*place, self.limits, SAME_SOLUTION, numerics, *judged)
         batch = self.backend.advance(position, most)
@@ -675,17 +697,19 @@ class _Walker:
 
     @property
     def mark(self) -> Point:
-        """What is passed again where the branch is closed: the start, or, where that is a branch
-        point and no point is solved for there, the point after it."""
+        """What is passed where the branch is closed: the goal, the start, or, where that is a
+        branch point and no point is solved for there, the point after it."""
+        if self.goal is not None:
+            return self.goal
         return self.points[1 if self.branching and len(self.points) > 1 else 0]
 
     def closing(self, step: Arc) -> Point | None:
-        """The start again, if this step passed it in the direction it was left in.
+        """The start again, if this step passed it in the direction it was left in, or the goal.
 
         Points beyond it are discarded.
         """
         again = closing_start(step, self.mark, SAME_SOLUTION)
-        if again is None or not self.branching:
+        if again is None or not self.branching or self.goal is not None:
             return again
         points = points_before_start(self.problem, self.points, again.unknowns, self.scale)
         start = points[-1]
@@ -753,7 +777,7 @@ class _Walker:
             self.left_with = seen.split(first.copy())
         if ending is EndKind.RANGE:
             second[:] = separate_signs(second, first)
-        elif ending is EndKind.CLOSED:
+        elif ending is EndKind.CLOSED and self.goal is None:
             second[:] = closed_test_values(seen.split(second), self.left_with)
         return seen
 
@@ -762,7 +786,8 @@ class _Walker:
         began = time.perf_counter()
         arc = self.arc(self.points[-1], point)
         found, missed = find_events(self.tests, arc, stretch)
-        again = point.arclength if ending is EndKind.CLOSED else np.inf
+        round_once = ending is EndKind.CLOSED and self.goal is None
+        again = point.arclength if round_once else np.inf
         found = [arc.holding(e) for e in found if self.in_range(e) and not self.at_start(e, again)]
         self.events += found
         self.missed += missed

@@ -45,7 +45,7 @@ from ..continuation.branch import (
 from ..continuation.corrector import Arc, correct, length
 from ..continuation.events import snap_to_points
 from ..continuation.settings import Settings
-from ..continuation.walk import Policy, keep_interrupted, other_way, walk
+from ..continuation.walk import Policy, both_ways, keep_interrupted, walk
 from ..errors import InputError, each_once, explain_arguments, short_repr
 from ..models.guards import Word
 from ..models.model import Model
@@ -272,7 +272,7 @@ def walk_curve(
     again = [RepetitionTest(problem.orbit)] if problem.orbit.word.repeated() else []
     watched = [*inside, *problem.kind.curve_limits().values(), *again]
 
-    def go(direction: int) -> Walk:
+    def go(direction: int, goal: Point | None = None) -> Walk:
         return walk(
             problem,
             start,
@@ -282,6 +282,7 @@ def walk_curve(
             tests=[*watched, asked, *special],
             settings=settings,
             callback=callback,
+            goal=goal,
             policies=[LeavingEnd(problem.kind, watched), *([ShorterEnd(special)] if again else [])],
             meeting=crossing if again or problem.kind.multiplier else None,
             backend=backend_of(problem),
@@ -291,7 +292,7 @@ def walk_curve(
     start_lost = len(forward.points) == 1 and not _is_on_curve(problem.kind, forward.points[0])
     if not forward.points or (start_lost and forward.end.kind is EndKind.VANISHED):
         return forward.end
-    return other_way(forward, last, lambda: go(-1)), forward
+    return both_ways(forward, last, lambda goal: go(-1, goal))
 
 
 SLOW = 1e-6

@@ -36,7 +36,7 @@ from ..continuation.crossing_branches import Meeting
 from ..continuation.events import separate_events, snap_to_points
 from ..continuation.settings import Settings
 from ..continuation.step import Backend, Batch, DenseBackend, Position
-from ..continuation.walk import SAME_SOLUTION, Options, Policy, keep_interrupted, other_way, walk
+from ..continuation.walk import SAME_SOLUTION, Options, Policy, both_ways, keep_interrupted, walk
 from ..errors import InputError
 from ..models.guards import Word
 from ..models.model import Symmetry
@@ -485,7 +485,8 @@ class Run:
         rows = {row for row, end in ends.items() if end.kind in AT_BRANCH_POINTS}
         rows |= {len(backward.points) - 1} if born else set()
         if forward.end.kind is EndKind.CLOSED:  # both ends are one orbit
-            at_event = born or any(points[row].arclength in places for row in ends)
+            seam = len(backward.points) == 1
+            at_event = (born and seam) or any(points[row].arclength in places for row in ends)
             rows |= set(ends) if at_event else set()
         others = [point for row in sorted(rows) if (point := points[row]).arclength not in places]
         points = separate_events(problem, points, events, others)
@@ -662,8 +663,7 @@ def walk_both_ways(
     forward = keep_interrupted(partial(go, +1))
     if not forward.points:
         raise InputError("orbit", forward.end.message, "give an orbit that solves its equations")
-    backward = other_way(forward, problem.parameter, partial(go, -1))
-    return Run.of(problem, backward, forward)
+    return Run.of(problem, *both_ways(forward, problem.parameter, partial(go, -1)))
 
 
 def _walks_from(
@@ -673,11 +673,13 @@ def _walks_from(
     stop: Policy | None,
     unphysical: bool,
     **options: Unpack[Options],
-) -> Callable[[int], Walk]:
-    """The walk in a direction."""
+) -> Callable[..., Walk]:
+    """The walk in a direction, to a goal if one is given."""
     policies, tests = [] if stop is None else [stop], add_stop_test(tests, stop)
     given: Any = {"tests": tests, "policies": policies, "unphysical": unphysical, **options}
-    return lambda direction: walk_orbits(problem, unknowns, direction, **given)
+    return lambda direction, goal=None: walk_orbits(
+        problem, unknowns, direction, goal=goal, **given
+    )
 
 
 MIRRORED = "; the other way, the mirror images of its orbits follow"
@@ -713,7 +715,7 @@ def run_born(
         mirrored = dataclasses.replace(born, message=f"{born.message}{MIRRORED}")
         backward = Walk(first, (), mirrored)
     elif start.both_ways or closed:
-        backward = other_way(forward, problem.parameter, partial(go, -1))
+        backward, forward = both_ways(forward, problem.parameter, partial(go, -1))
         if not backward.points:
             backward = Walk(first, (), backward.end)
     else:

@@ -10,8 +10,9 @@ from algebraic import Algebraic, follow
 from test_walk import Turning, circle, kinds, lemniscate
 from zoo import ROOT
 
-from contimpact.continuation.branch import EndKind, TestFunction, Walk
-from contimpact.continuation.walk import closed_test_values
+from contimpact.continuation.branch import EndKind, TestFunction, Walk, join_walks
+from contimpact.continuation.settings import Settings
+from contimpact.continuation.walk import both_ways, closed_test_values
 from contimpact.results.catalogue import load_diagram
 from contimpact.results.diagram_reading import stable_intervals
 
@@ -89,6 +90,31 @@ def test_a_figure_of_eight_that_begins_at_its_crossing_is_gone_round_once(way):
     )
     once(found, 5.2441151)
     assert len(found.events) == 4
+
+
+@pytest.mark.parametrize("most", range(31, 69))
+@pytest.mark.parametrize("begin", ["beside a fold", "branch point"])
+def test_a_loop_longer_than_the_walk_is_gone_round_once(begin, most):
+    """The walk in the other direction ends where the first one did."""
+    problem, start, options = circle(), [math.sin(0.1), math.cos(0.1)], {}
+    if begin == "branch point":
+        problem, start = pitchfork(), [0.0, -1.0]
+        options = {"tangent": np.array([1.0, 0.0]), "branching": True}
+
+    def go(direction, goal=None):
+        options.update(goal=goal, settings=Settings(max_points=most))
+        return follow(problem, start, direction, tests=[Turning()], **options)
+
+    backward, forward = both_ways(go(1), "p", lambda goal: go(-1, goal))
+    points, events = join_walks(backward, forward)
+    assert backward.end == forward.end or {backward.end.kind, forward.end.kind} == {EndKind.POINTS}
+    closed = forward.end.kind is EndKind.CLOSED
+    assert closed == (most >= 36)
+    if closed:
+        assert points[-1].arclength == pytest.approx(2.0 * math.pi, rel=2e-3)
+        assert points[-1].unknowns == pytest.approx(points[0].unknowns, abs=1e-7)
+        at_start = begin == "branch point"  # its event is that of the branch it comes from
+        assert sorted(e.parameter for e in events) == pytest.approx([-1.0, 1.0][at_start:])
 
 
 def test_values_at_the_end_of_a_loop_are_those_of_its_start():
