@@ -598,6 +598,8 @@ def _crisis(
             return NoCrisis(f"{touches}, no attractor ends: {lives}")
     keeping = type_ in ("interior", "merging")
     if keeping or lasted < lasting:
+        if not keeping and simulator.machine.batch(LASTING):
+            lasting = max(lasting, STRETCH)
         lasted = lasting if _lasts(orbit, attractor, lasting, keeping) else 0
     if not lasted:
         beside = f"motion at {orbit.value:.9g} is a transient, too, over in {lasting} impacts"
