@@ -26,7 +26,7 @@ from .branch import (
 )
 from .corrector import EPSILON, Arc, orientation
 from .settings import Settings
-from .sign_changes import DIPS, OFF_THE_ENDS, Sample, Stretch, crosses, crossings
+from .sign_changes import DIPS, OFF_THE_ENDS, THRICE, Sample, Stretch, crosses, crossings
 
 # How well an event found by bracketing is known: a bound of its parameter's error.
 
@@ -400,8 +400,11 @@ class _Search:
         b, c = stretch.left.flat, stretch.right.flat
         if not found.any():
             return found, places
+        larger = np.fmax(np.abs(b), np.abs(c))
+        noise = [test.noise for test in self.tests]
         floor = [max(test.noise, test.rounding) for test in self.tests]
-        found[(found == DIPS) & (np.fmax(np.abs(b), np.abs(c)) <= np.repeat(floor, self.sizes))] = 0
+        found[(found == THRICE) & (larger <= np.repeat(noise, self.sizes))] = 0
+        found[(found == DIPS) & (larger <= np.repeat(floor, self.sizes))] = 0
         if not any(test.guides for test in self.tests):
             return found, places
         passed = crosses(b, c)

@@ -307,6 +307,16 @@ def test_on_a_circle_every_passage_is_found():
         assert event.error < 1e-11
 
 
+def test_sign_changes_of_rounding_are_not_looked_at():
+    """Below its noise a test function says nothing: it is told at the walk's own points only."""
+    rounding = user(lambda p: 1e-12 * math.sin(1e5 * p.parameter))
+    rounding.noise = 1e-9
+    found = follow(CUBIC, [0.0, 0.0], 1, [rounding])
+    assert not found.events
+    assert not found.missed
+    assert rounding.evaluations == len(found.points)
+
+
 def test_a_bracketed_event_lies_on_the_curve_and_in_order():
     tests = [user(lambda p: p.parameter - 0.30), user(lambda p: p.parameter - 0.31, "other")]
     for direction, kinds in ((1, ["mine", "other"]), (-1, ["other", "mine"])):
