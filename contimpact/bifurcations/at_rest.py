@@ -22,6 +22,7 @@ from .extended_system import (
     ExtendedSystem,
     SingularCycle,
     SystemEvaluation,
+    TouchingFlight,
     solve,
     trace_of,
     unit_vector,
@@ -141,6 +142,63 @@ def solve_at_rest(curve: Curve, at: CurvePoint, impact: int) -> Location | None:
     own = unit_vector(resting.moved(found.here))
     unknowns = curve.packed(found.unknowns, own * (np.sign(own @ at.own) or 1.0))
     return Location(unknowns, found.residual, found.error)
+
+
+def acceleration_at_touch(orbit: Linearisation, flight: int, wall: str, since: float) -> float:
+    """The second derivative of the gap to a wall, so long after a flight has begun."""
+    problem = orbit.problem
+    left, row = problem.leaving(orbit.unknowns, flight)
+    gap = problem.kernels.gap_after(left, wall)(*row, since, *problem.values(orbit.unknowns))
+    return float(gap[2])
+
+
+class TouchAtImpact(ExtendedSystem):
+    """An orbit of which one impact is at rest, while the flight that begins or ends with it has no
+    acceleration there: where a touch of the flight reaches the impact, for its gap has a double
+    zero at the touch and one at the impact."""
+
+    def __init__(self, problem: OrbitProblem, flight: int, wall: str, after: bool) -> None:
+        super().__init__(problem)
+        self.flight, self.wall, self.after = flight, wall, after
+        self.impact = (flight + after) % len(problem.word)
+
+    def start(self, here: Linearisation) -> Array:
+        return np.zeros(0)
+
+    def acceleration(self, unknowns: Array) -> float:
+        """Return the second derivative of the gap at the impact, on the flight."""
+        begin, end = self.problem.times_around(unknowns, self.flight)
+        here, since = self.problem.evaluate(unknowns), end - begin if self.after else 0.0
+        return acceleration_at_touch(here, self.flight, self.wall, since)
+
+    def assemble(self, here: Linearisation, own: Array) -> SystemEvaluation:
+        x, velocity = here.unknowns, self.problem.m * self.impact + 1
+        row = difference_gradient(self.acceleration, x, sizes_of(here))
+        residual = np.append(here.residual, [x[velocity], self.acceleration(x)])
+        return SystemEvaluation(residual, np.vstack([here.jacobian, np.eye(len(x))[velocity], row]))
+
+    def rounding(self, here: Linearisation, own: Array) -> Array:
+        x, sizes = here.unknowns, sizes_of(here)
+        terms = np.abs(difference_gradient(self.acceleration, x, sizes)) @ np.abs(x)
+        return np.append(rounding(here).residual, [0.0, EPSILON * terms])
+
+
+def solve_touch_at_impact(curve: Curve, at: CurvePoint, after: bool) -> Location | None:
+    """Solve for the point next to one of a curve of G at which the touch reaches the impact before
+    or `after` it, where the equations of the curve are singular; None if there is none."""
+    system, here = curve.system, at.orbit
+    if not isinstance(system, TouchingFlight):
+        return None
+    touching = TouchAtImpact(here.problem, system.flight, system.wall, after)
+    try:
+        found = solve(touching, here)
+    except (ArithmeticError, ValueError, np.linalg.LinAlgError):  # the guess is no orbit
+        return None
+    if found is None:
+        return None
+    own = here.problem.impacts(found.unknowns)[touching.impact, system.free]
+    own[0] = here.problem.times_around(found.unknowns, system.flight)[after]
+    return Location(curve.packed(found.unknowns, own), found.residual, found.error)
 
 
 def points_at_rest(curve: Curve, at: CurvePoint) -> Iterator[Location]:

@@ -43,7 +43,7 @@ from ..orbits.problem import Linearisation
 from ..orbits.quiet import problem_of
 from ..orbits.status import neimark_sacker, pair_on_circle, products_of
 from ..segments.flight import Touch
-from .at_rest import Curve, solve_at_rest
+from .at_rest import Curve, acceleration_at_touch, solve_at_rest, solve_touch_at_impact
 from .extended_system import NO_TRACE, UNIT_CIRCLE, ExtendedSystem, trace_of
 from .kind import CurvePoint, Kind, kind_of
 
@@ -402,15 +402,19 @@ class DegenerateTouch(CurveTest):
 
     def of(self, here: CurvePoint) -> ArrayLike:
         flight, wall, since = self.touch(here)
-        return _acceleration(here.orbit, flight, wall, since)
+        return acceleration_at_touch(here.orbit, flight, wall, since)
 
-
-def _acceleration(orbit: Linearisation, flight: int, wall: str, since: float) -> float:
-    """The second derivative of the gap to a wall, so long after a flight has begun."""
-    problem = orbit.problem
-    left, row = problem.leaving(orbit.unknowns, flight)
-    gap = problem.kernels.gap_after(left, wall)(*row, since, *problem.values(orbit.unknowns))
-    return float(gap[2])
+    def locate(
+        self, problem: Problem[CurvePoint], guess: Point[CurvePoint], index: int
+    ) -> Location | None:
+        """Where the touch has reached an impact, the equations of a curve of G are singular."""
+        here = guess.evaluation
+        if not here.orbit.problem.word.walls:
+            return None
+        flight, _, since = self.touch(here)
+        begin, end = here.orbit.problem.times_around(here.orbit.unknowns, flight)
+        found = solve_touch_at_impact(cast(Curve, problem), here, bool(end - begin < 2.0 * since))
+        return found and replace(found, details={"changes": self.changes})
 
 
 SMALLEST = -700.0
@@ -495,7 +499,7 @@ class FoldBorn(TouchSingular):
             self.jumps = _changes_acceleration(orbit, int(np.argmax(there)), wall)
         if self.jumps:
             return value
-        factor = _acceleration(here.orbit, flight, wall, since)  # which is no fold's
+        factor = acceleration_at_touch(here.orbit, flight, wall, since)  # which is no fold's
         return np.sign(factor) * value
 
     def accept(self, event: Event[CurvePoint]) -> bool:
@@ -533,8 +537,8 @@ def _changes_acceleration(orbit: Linearisation, impact: int, wall: str) -> bool:
     before = impact - 1 if impact else len(orbit.problem.word) - 1
     begin, end = orbit.problem.times_around(orbit.unknowns, before)
     sides = (
-        _acceleration(orbit, before, wall, end - begin),
-        _acceleration(orbit, impact, wall, 0.0),
+        acceleration_at_touch(orbit, before, wall, end - begin),
+        acceleration_at_touch(orbit, impact, wall, 0.0),
     )
     return bool(abs(sides[1] - sides[0]) > SMOOTH * orbit.sizes[1][1] / orbit.span)
 

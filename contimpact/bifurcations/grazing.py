@@ -29,6 +29,7 @@ import contextlib
 import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
+from typing import cast
 
 import numpy as np
 
@@ -40,6 +41,7 @@ from ..orbits.quiet import problem_of
 from ..orbits.status import PASSES, Verdict, count_unstable
 from ..segments.flight import Touch
 from ..segments.segment import ELSEWHERE
+from .at_rest import Curve, solve_touch_at_impact
 from .codimension_two import CurveTest, touch_points
 from .event_solver import LocatedPoint
 from .extended_system import (
@@ -278,6 +280,11 @@ class TouchLimit(TestFunction[CurvePoint]):
             return np.array([1.0, 1.0])
         touch = here.details["touch_time"]
         return np.array([touch - start, arrival - touch])
+
+    def locate(
+        self, problem: Problem[CurvePoint], guess: Point[CurvePoint], index: int
+    ) -> Location | None:
+        return solve_touch_at_impact(cast(Curve, problem), guess.evaluation, bool(index))
 
 
 class TangentBeginning(CurveTest):

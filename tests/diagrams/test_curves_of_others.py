@@ -24,7 +24,8 @@ def test_grazing_orbits_of_an_oscillator():
     assert np.max(np.abs(a - np.hypot(1.0 - omega**2, 0.1 * omega))) < 1e-12
 
 
-def test_a_jump_touches_where_the_flight_before_it_ends():
+@pytest.mark.parametrize("kind", ["V", "G"])
+def test_a_jump_touches_where_the_flight_before_it_ends(kind):
     """A forced neuron fires at 1 without a rate. The touch is degenerate where the rate's own rate
     vanishes, too: I - g = a at the forcing's minimum. After the reset it does elsewhere."""
     g, w = 0.7, 6.0
@@ -40,11 +41,16 @@ def test_a_jump_touches_where_the_flight_before_it_ends():
     events = [
         event
         for orbit in ci.find_orbits(model, "1", parameter="I")
-        for event in ci.continue_orbit(orbit, range=(1.2, 1.5), events=["V"]).events
+        for event in ci.continue_orbit(orbit, range=(1.2, 1.5), events=["V", "G"]).events
+        if event.kind == kind
     ]
     curve = ci.follow_curve(events[0], model, "a", (1.2, 1.5), (0.6, 0.75))
-    ((kind, place),) = ((point.kind, point.parameters) for point in curve.points)
+    (point,) = curve.points
+    place = point.parameters
     decay = 1.0 - np.exp(-2.0 * np.pi * g / w)
     a = (1.0 / decay - 1.0) / (1.0 / g - g / (g**2 + w**2))
-    assert kind == "DG"
+    assert (point.kind, curve.missed) == ("DG", [])
     assert (place["a"], place["I"]) == pytest.approx((a, g + a), abs=1e-12)
+    assert abs(place["a"] - a) < point.error < 1e-12
+    if kind == "G":  # its curve ends there
+        assert curve["a"][[0, -1]].min() == pytest.approx(a, abs=1e-12)
