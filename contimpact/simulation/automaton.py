@@ -463,6 +463,10 @@ class Automaton:
         _, speed, force = curve((), 0.0, ())
         rising = speed > 0.0 or (speed == 0.0 and force > 0.0)
         from_wall = left if own else self._released_with(window, numbers, left)
+        touched = None if own else self._touching(numbers, left, speed, force)
+        if touched is not None:
+            origin, rising = self.positions[touched], self.guards[touched].side < 0
+            breaks = [t for t in breaks if t > NUDGE * self.period]
         if from_wall is not None:
             if self._stays(from_wall):
                 origin = self.positions[from_wall]
@@ -487,6 +491,16 @@ class Automaton:
             if window.rests(guard, self.positions[k], self.period):
                 return k
         return None
+
+    def _touching(
+        self, numbers: Sequence[int], left: int | None, speed: float, force: float
+    ) -> int | None:
+        """The guard on whose surface the flight begins without a rate but for rounding, which must
+        not decide whether it is passed at once, and from which it goes back into its mode."""
+        if left is None or abs(speed) > MOVED * self.fastest:
+            return None
+        begun = (k for k in self.passages.beginning(left) if k in numbers)
+        return next((k for k in begun if self.guards[k].side * force < 0.0), None)
 
     def _stays(self, left: int) -> bool:
         """Whether the motion goes on from the surface of the guard that it leaves."""

@@ -473,16 +473,24 @@ orbits = ["KDR"]
 
 
 @integrated
-def test_a_sweep_goes_on_where_a_state_is_beyond_its_limit_at_other_values():
+@pytest.mark.parametrize(("slip", "stick"), [("xvs", "xus"), ("xvs", "sxu"), ("vsx", "xus")])
+def test_a_sweep_goes_on_where_a_state_is_beyond_its_limit_at_other_values(slip, stick):
     """The spring's force u is known twice, as a coordinate and by x: where slip begins at one value
-    of a, at a larger one the body slips forward. The sweep starts at another impact."""
-    model = read_scene(tomllib.loads(BELT_WITH_A_CLOCK)).model
+    of a, at a larger one the body slips forward. The sweep starts at another impact. Where slip
+    begins v keeps its rate but for rounding, which is another one with coordinates in another
+    order."""
+    given = tomllib.loads(BELT_WITH_A_CLOCK)
+    laws = given["model"]["modes"]
+    for name, order in (("slip", slip), ("stick", stick)):
+        laws[name] = {key: laws[name][key] for key in order}
+    model = read_scene(given).model
     simulator = Simulator(model)
     slips = simulator.state("R", 0.0, 1.3 / (2.0 * math.pi), [0.0, 0.0, 0.0, 0.0])
     found = ci.settle(simulator, slips)
     there = Simulator(model.replace(a=0.4))
     beyond = there.run(found.state, impacts=1)
     assert (beyond.outcome, len(beyond)) == (Outcome.BEYOND, 0)
+    assert found.notation == "KDR"
     (other,) = [one for one in ci.find_orbits(there.model, "KDR") if one.physical]
     moved = settle_again(there, found)
     assert moved.notation == "KDR"
