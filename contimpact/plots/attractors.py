@@ -41,6 +41,7 @@ from ..systems.membrane import Membrane
 from . import diagram as style
 from .lines import (
     STYLES,
+    VELOCITY,
     WIDTHS,
     label_axis,
     plain_text,
@@ -892,7 +893,8 @@ def save_simulation(result: Simulation, folder: Path, options: PlotOptions) -> l
     """Draw all pictures of a simulation to files; returns their names."""
     scene, sweep = result.scene, result.sweep
     unit = scene.model.unit(options.x)
-    choices: dict[str, Any] = {"xlim": options.xlim or None, "ylim": options.ylim}
+    ylim = options.ylim if options.y == VELOCITY else None  # it is of the other quantity
+    choices: dict[str, Any] = {"xlim": options.xlim or None, "ylim": ylim}
     if result.diagram:
         choices |= {"unphysical": options.unphysical, "labels": options.labels}
     if result.fractions is not None:

@@ -84,6 +84,19 @@ def test_circles_are_the_sweep_along_which_the_drawn_axis_falls(simulation):
     assert "2:1" in named
 
 
+@pytest.mark.parametrize("y", ["velocity", "moduli"])
+def test_limits_of_another_quantity_are_not_those_of_velocities(
+    simulation, y, tmp_path, monkeypatch
+):
+    limits, plot = list[object](), pictures.plot_sweep
+    monkeypatch.setattr(
+        pictures, "plot_sweep", lambda *_, **o: limits.append(o["ylim"]) or plot(*_, **o)
+    )
+    options = dataclasses.replace(simulation.scene.plot, y=y, ylim=(-0.5, 0.7), formats=())
+    pictures.save_simulation(simulation, tmp_path, options)
+    assert limits == [(-0.5, 0.7) if y == "velocity" else None]
+
+
 @pytest.mark.parametrize("factor", [1.0, 3.0])
 def test_no_simulated_impact_is_outside_the_frame(simulation, factor):
     """Impacts that are faster than those of all branches were not seen."""
