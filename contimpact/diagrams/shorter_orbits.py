@@ -189,7 +189,8 @@ def _passed_word(before: Point[CurvePoint], after: Point[CurvePoint]) -> Word | 
         change = last - first
         way = np.clip(-(first @ change) / ((change @ change) or 1.0), 0.0, 1.0)
         ends = min(np.linalg.norm(first), np.linalg.norm(last))
-        if np.linalg.norm(first + way * change) < THROUGH * ends:
+        longer = ends > RepetitionTest.noise  # on a curve of shorter orbits all is rounding
+        if longer and np.linalg.norm(first + way * change) < THROUGH * ends:
             return word
     return None
 

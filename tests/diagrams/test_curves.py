@@ -368,6 +368,19 @@ def test_curves_end_with_a_reason_at_the_edges(parameter, limits):
     assert kinds <= {"RANGE", "TOUCH", "CLOSED"}
 
 
+def test_a_curve_of_orbits_run_twice_does_not_end_by_rounding():
+    """BP of the doubled orbit is PD of the orbit, all along: the halves differ by rounding."""
+    ends = []
+    for word, kind in (("3:1", "PD"), ("3:1/2T", "BP")):
+        model = ImpactPair(beta=0.94022267, r=0.6570138, A=11.448766, s=0.4359)
+        orbit = next(o for o in find_orbits(model, word, parameter="s") if o.physical)
+        branch = continue_orbit(orbit, range=(0.05, 1.2), events=(kind,))
+        (event,) = (e for e in branch.events if e.kind == kind and abs(e.value - 0.4459) < 1e-3)
+        curve = follow_curve(event, model, "r", (0.05, 1.2), (0.05, 0.9))
+        ends.append([curve["s"].min(), curve["s"].max(), curve["r"].min(), curve["r"].max()])
+    assert ends[0] == pytest.approx(ends[1], abs=1e-10)
+
+
 @pytest.mark.full
 def test_a_curve_ends_on_its_limits():
     """The steady response of amplitude 1/sqrt((1 - w^2)^2 + c^2 w^2) reaches sigma = 1 at
