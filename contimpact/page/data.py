@@ -40,7 +40,7 @@ from ..results.curve import (
 )
 from ..results.diagram import Diagram
 from ..results.diagram_reading import Reading, read, sentence_of
-from ..results.quantities import GREEK, PI_BELOW, label_parts
+from ..results.quantities import GREEK, PI_ABOVE, PI_BELOW, label_parts
 from ..results.scene import OUTPUT_ERROR
 from ..segments.kernels import Kernels
 from ..segments.segment import ARRAYS, evaluate_in
@@ -458,6 +458,7 @@ def page_data(
         "machine": _machine(model),
         "greek": GREEK,
         "pi_below": PI_BELOW,
+        "pi_above": PI_ABOVE,
         "every": every,
         "members": (groups := members(branches, derived)),
         "own": _scene_group(groups, model),

@@ -25,6 +25,7 @@ from ..results.branch import STATUS, Branch, Entry, first_unknown, model_at, sha
 from ..results.diagram import Diagram
 from ..results.quantities import (
     GREEK,
+    PI_ABOVE,
     PI_BELOW,
     LabelParts,
     Quantity,
@@ -374,7 +375,8 @@ def value_text(value: float) -> str:
     """Return a number as it is set in headings, a multiple of pi as such."""
     for below in range(1, PI_BELOW + 1) if math.isfinite(value) else ():
         above = value / math.pi * below
-        if abs(above - round(above)) < 1e-12 * max(1.0, abs(above)) and round(above):
+        near = abs(above - round(above)) < 1e-12 * max(1.0, abs(above))
+        if near and 0 < abs(round(above)) <= PI_ABOVE:
             top = {1: "", -1: "-"}.get(round(above), str(round(above)))
             return rf"${top}\pi/{below}$" if below > 1 else rf"${top}\pi$"
     return f"{value:.6g}"

@@ -37,6 +37,8 @@ NO_IMPACT = "no impact"
 """What the series of a motion without impacts is called."""
 PI_BELOW = 36
 """Largest denominator of the multiples of pi that are written as such."""
+PI_ABOVE = 1_000_000
+"""Largest numerator: among larger ones a multiple is next to any number."""
 
 _SMALL = (
     "alpha beta gamma delta epsilon zeta eta theta iota kappa lambda mu nu xi omicron pi rho "

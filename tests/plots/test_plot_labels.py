@@ -244,6 +244,8 @@ def test_an_unknown_system_has_no_units():
         (0.3, "0.3"),
         (1e-9, "1e-09"),
         (3.14, "3.14"),
+        (200 * np.pi, r"$200\pi$"),
+        (1e10, "1e+10"),  # 79577471546 pi/25 to thirteen digits
     ],
 )
 def test_values(value, text):

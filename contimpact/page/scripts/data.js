@@ -73,7 +73,7 @@
 /**
  * @typedef {{name: string, version: string, parameter: string, varying: string[], quantities: string[],
  *   fixed: Record<string, number>, units: Record<string, string>, walls: string[], every: number, own: number, unknown: string | null,
- *   greek: Record<string, string>, pi_below: number,
+ *   greek: Record<string, string>, pi_below: number, pi_above: number,
  *   shown: {x: string, xlim: [number, number] | null, ylim: [number, number] | null, unphysical: string,
  *     source: string, remarks: string[], margin: number | null},
  *   members: {fixed: Record<string, number>, branches: number[]}[], branches: Branch[], entries: Entry[],

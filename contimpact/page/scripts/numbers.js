@@ -17,6 +17,7 @@ function ofPi(value) {
   for (let below = 1; below <= page.pi_below; below++) {
     const above = (value / Math.PI) * below,
       whole = Math.round(above);
+    if (Math.abs(whole) > page.pi_above) break;
     if (whole && Math.abs(above - whole) < 1e-12 * Math.max(1, Math.abs(above))) {
       const top = Math.abs(whole) === 1 ? "" : String(Math.abs(whole));
       return `${whole < 0 ? "\u2212" : ""}${top}\u03c0${below > 1 ? `/${below}` : ""}`;
