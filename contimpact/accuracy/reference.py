@@ -247,7 +247,9 @@ def measure_shooting(
     They end with the first tolerance at which nothing has ended. There are none without
     coordinates to shoot in, or orbits that a simulation can follow.
     """
-    points = [p for w in walks for p in w.points if can_be_simulated(p)]
+    everything = [p for w in walks for p in w.points]
+    fastest = max((np.max(_speeds(p)) for p in everything), default=0.0)
+    points = [p for p in everything if can_be_simulated(p, fastest)]
     if not Shooting.follows(problem) or problem.lost or not points:
         return {}
     chosen = [point.unknowns for point in spread_sample(points, SHOT)]
@@ -303,12 +305,17 @@ def spread_sample(items: Sequence[Any], most: int) -> list[Any]:
     return [items[int(i)] for i in np.linspace(0, len(items) - 1, most)]
 
 
-def can_be_simulated(point: Point[Linearisation]) -> bool:
-    """Whether a simulation can follow the orbit: physical, not nearly grazing, not at a fold."""
-    here = point.evaluation
-    speeds = here.problem.impacts(here.unknowns)[:, 1]
+def can_be_simulated(point: Point[Linearisation], fastest: float) -> bool:
+    """Whether a simulation can follow the orbit: physical, not nearly grazing beside the `fastest`
+    impact of its branch, not at a fold."""
     turning = abs(point.tangent[-1]) < 0.05 * np.max(np.abs(point.tangent))
-    return bool(here.verdict.physical and np.min(np.abs(speeds)) > 1e-3 and not turning)
+    slow = np.min(_speeds(point)) <= 1e-3 * fastest
+    return bool(point.evaluation.verdict.physical and not slow and not turning)
+
+
+def _speeds(point: Point[Linearisation]) -> Array:
+    here = point.evaluation
+    return np.abs(here.problem.impacts(here.unknowns)[:, 1])
 
 
 def _perturbed_guess(unknowns: Array) -> Array:

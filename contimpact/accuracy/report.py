@@ -277,10 +277,12 @@ def report(
 
 def _orbit(scene: Scene, kernels: Kernels, diagram: Diagram) -> Orbit:
     """The orbit whose branch a report compares: the first with impacts of those that the scene
-    names, or of those that were found from them, half way along its branch."""
+    names, a physical one if it can be, or of those that were found from them, half way along its
+    branch."""
     word = next((word for word in scene.orbits if word.walls), None)
     if word is not None:
-        return orbits_at_start(scene, kernels, word)[0]
+        found = orbits_at_start(scene, kernels, word)
+        return next((orbit for orbit in found if orbit.physical), found[0])
     for branch in diagram.branches:
         if branch.word and branch.parameter == scene.parameter:
             return branch.orbit(len(branch) // 2, scene.model)
@@ -396,6 +398,7 @@ class _Task:
             "setting": value,
             "error": max(errors, default=None),
             "places": len(errors),
+            "places_asked": len(guesses),
             "evaluations": evaluations,
             "orbits": sum(len(w.points) for w in walks),
             "failed": 0,
@@ -465,6 +468,12 @@ def write_report(data: Mapping[str, Any], folder: Path, formats: Sequence[str]) 
     return written
 
 
+NO_SHOOTING = (
+    "Not tried: it is for flights of one coordinate, and orbits of this branch that are physical, "
+    "not at a fold, and have no slow impact."
+)
+
+
 def markdown(data: Mapping[str, Any], figures: Sequence[str] = ()) -> str:
     """Return a report as text with tables."""
     machine, fair = data["machine"], data["honesty"]
@@ -485,6 +494,8 @@ Machine: {about}.
     lines += [*(f"![Error against seconds and evaluations]({name})" for name in figures), ""]
     for method in data["methods"]:
         lines += _method_table(method)
+    if not any("shooting" in method["name"] for method in data["methods"]):
+        lines += ["## shooting", "", NO_SHOOTING, ""]
     lines += _event_table(data["events"], fair)
     if data["simulation"] is not None:
         lines += _simulation_table(data["simulation"])
@@ -514,7 +525,7 @@ def _method_table(method: Mapping[str, Any]) -> list[str]:
 
 def _fewer_places(method: Mapping[str, Any]) -> list[str]:
     """What is said where the truth took so long that an error was measured at few places."""
-    rows = [r for r in method["rows"] if r.get("places", SAMPLES) < min(SAMPLES, r["orbits"])]
+    rows = [r for r in method["rows"] if r.get("places", 0) < r.get("places_asked", 0)]
     if not rows:
         return []
     least = min(r["places"] for r in rows)

@@ -25,6 +25,7 @@ from contimpact.accuracy.reference import (
 from contimpact.accuracy.report import (
     _budget_note,
     _event_table,
+    _fewer_places,
     _simulation_table,
     compare_estimates,
     measure_events,
@@ -287,6 +288,41 @@ def test_the_first_orbit_with_impacts_is_compared_where_a_scene_names_none():
     orbit = module._orbit(scene, kernels, follow(scene))
     assert str(orbit.word) == "CR"
     assert 1.6 < orbit.unknowns[-1] < 1.73
+
+
+def test_places_between_points_are_fewer_than_orbits_without_a_note():
+    row = {"places": 22, "places_asked": 22, "orbits": 24}
+    assert _fewer_places({"rows": [row]}) == []
+    assert "errors are those at 21 at least" in _fewer_places({"rows": [{**row, "places": 21}]})[1]
+
+
+SWITCH = """
+name = "a switch of MEMS in SI units, whose first orbit found is unphysical"
+[model]
+system = "soft-stop"
+[model.parameters]
+a = 50.0
+omega = 1e5
+c = 2e3
+k = 1e10
+e = 5e-9
+k_b = 1e12
+c_b = 2e4
+[follow]
+parameter = "omega"
+range = [5e4, 2.5e5]
+orbits = ["CR"]
+"""
+
+
+def test_physical_orbits_are_compared_and_shot_at_in_any_unit(monkeypatch):
+    scene = read_scene(tomllib.loads(SWITCH))
+    orbit = module._orbit(scene, Kernels(scene.model, scene.parameter), None)
+    assert orbit.physical
+    assert max(orbit.velocities) < 1e-3
+    task = module._Task(scene, orbit, 1, lambda text: None)
+    monkeypatch.setattr(module, "TOLERANCES", ())
+    assert [method["name"] for method in task.shooting()] == ["shooting, solve_ivp"]
 
 
 @pytest.mark.full
