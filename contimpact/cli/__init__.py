@@ -279,7 +279,7 @@ def parser() -> argparse.ArgumentParser:
 
     fit = add("fit", "scenes.fit", "estimate parameters from measured impacts")
     argument(fit, "scene SCENE", "a scene file (TOML) with starting values")
-    argument(fit, "data CSV", "columns time, velocity, wall, or some of them")
+    argument(fit, "data CSV", "columns time, velocity, wall, or some; units are those of tables")
     argument(fit, "--parameter NAME", "to estimate", action="append", required=True)
     argument(fit, "--orbit WORD", "default: the scene's", action="append")
     argument(

@@ -265,9 +265,8 @@ class Fit(NotebookResult):
             lines.append(f"  {name} = {value:.9g}" + (f" +- {error:.2g}" if error >= 0.0 else ""))
         lines += [f"  {text}" for text in told.notes]
         for other in self.others[:3]:
-            further = max(other.misfit - self.misfit, 0.0)
-            found = f"  further: {other.orbit.notation}, {other.state}: misfit larger by "
-            lines.append(f"{found}{further:.3g}")
+            beside = _beside(other, self)
+            lines.append(f"  further: {other.orbit.notation}, {other.state}: {beside}")
         return "\n".join(lines)
 
 
@@ -309,7 +308,8 @@ def fit(
     Returns
     -------
     Fit
-        Orbits of which each impact has data come before others; the least `misfit` decides.
+        Orbits of which each impact has data come before others, then physical ones before
+        unphysical ones; then the least `misfit` decides.
 
     Raises
     ------
@@ -409,17 +409,27 @@ def _elsewhere(
     return [], f" and {ELSEWHERE} others around them"
 
 
-def _rank(one: Fit) -> tuple[bool, float, bool]:
-    """Of orbits that fit equally well, to rounding, that comes first which can be observed."""
+def _rank(one: Fit) -> tuple[bool, bool, float, bool]:
+    """What was measured is physical; of orbits that fit equally well, to rounding, that comes first
+    which can be observed."""
     lacking = len(set(one.impacts.tolist())) < len(one.orbit.word)
-    return lacking, round(one.misfit, 6), one.state != "stable"
+    return lacking, not one.orbit.physical, round(one.misfit, 6), one.state != "stable"
 
 
 def _same(one: Fit, other: Fit) -> bool:
     """Whether two fits have ended at the same orbit."""
     if one.orbit.word != other.orbit.word:
         return False
-    return np.allclose(one.orbit.unknowns[:-1], other.orbit.unknowns[:-1], rtol=0.0, atol=1e-6)
+    fastest = float(np.max(np.abs(one.orbit.velocities)))
+    late = np.abs(one.orbit.times - other.orbit.times) < 1e-6 * one.orbit.period
+    faster = np.abs(one.orbit.velocities - other.orbit.velocities) < 1e-6 * fastest
+    return bool(np.all(late & faster))
+
+
+def _beside(one: Fit, best: Fit) -> str:
+    """By how much a fit is worse than the one that comes first, or better and yet not first."""
+    further = round(one.misfit - best.misfit, 6)
+    return f"misfit {'smaller' if further < 0.0 else 'larger'} by {abs(further):.3g}"
 
 
 # The least squares.
@@ -561,7 +571,7 @@ def _with_other_clocks(found: Sequence[Fit]) -> Fit:
     if CLOCK not in best.values or best.reason is not None:
         return best
     texts = [
-        f"{one.values[CLOCK]:.9g} (misfit larger by {max(one.misfit - best.misfit, 0.0):.3g})"
+        f"{one.values[CLOCK]:.9g} ({_beside(one, best)})"
         for one in found[1:]
         if one.misfit - best.misfit < LIKELY and not _coincide(one, best)
     ]
@@ -579,7 +589,12 @@ def _coincide(one: Fit, other: Fit) -> bool:
     late -= span * np.round(late / span)
     faster = one.orbit.velocities[:, None] - other.orbit.velocities
     walls = [np.array(list(each.orbit.word.walls)) for each in (one, other)]
-    near = (np.abs(late) < 1e-6 * span) & (np.abs(faster) < 1e-6) & (walls[0][:, None] == walls[1])
+    fastest = float(np.max(np.abs(other.orbit.velocities)))
+    near = (
+        (np.abs(late) < 1e-6 * span)
+        & (np.abs(faster) < 1e-6 * fastest)
+        & (walls[0][:, None] == walls[1])
+    )
     return bool(near.any(axis=1).all())
 
 

@@ -195,6 +195,21 @@ def test_of_orbits_that_fit_equally_well_the_stable_one_comes_first():
     assert "misfit larger by 0" in repr(found)
 
 
+@pytest.mark.full
+def test_a_physical_orbit_comes_before_an_unphysical_one_that_fits_better():
+    """Times alone: a third impact outside the capsule follows their scatter, too."""
+    pair = ci.ImpactPair(beta="pi/4", r_B=0.45, r_T=0.35, M=0.05, omega=62.8, A=4.0, s=0.08)
+    orbit = next(o for o in ci.find_orbits(pair, "1:1", "s") if o.stable and o.physical)
+    noise = np.random.default_rng(0).normal(0.0, 0.002, (40, 2))
+    times = (orbit.times + 2.0 * np.arange(40)[:, None] + noise).ravel() + 3.3
+    start = pair.replace(s=0.075, r_B=0.5)
+    found = ci.fit(start, ["1:1", "2:1"], {"time": times}, ["s", "r_B"])
+    assert (found.orbit.notation, found.orbit.physical) == ("1:1", True)
+    better = [one for one in found.others if one.misfit < found.misfit - 10.0]
+    assert [one.state for one in better] == ["unphysical"]
+    assert f"unphysical: misfit smaller by {found.misfit - better[0].misfit:.3g}" in repr(found)
+
+
 def test_which_word_is_nearest(two_one):
     """Data of the stable orbit prefer it to the unstable one and to other words."""
     data = measured(two_one, noise=NOISE)
