@@ -265,8 +265,11 @@ class Fit(NotebookResult):
             lines.append(f"  {name} = {value:.9g}" + (f" +- {error:.2g}" if error >= 0.0 else ""))
         lines += [f"  {text}" for text in told.notes]
         for other in self.others[:3]:
-            beside = _beside(other, self)
-            lines.append(f"  further: {other.orbit.notation}, {other.state}: {beside}")
+            values = (
+                f"{name} = {value:.4g}" for name, value in other.values.items() if name != CLOCK
+            )
+            which = ", ".join((other.orbit.notation, other.state, *values))
+            lines.append(f"  further: {which}: {_beside(other, self)}")
         return "\n".join(lines)
 
 
