@@ -158,6 +158,15 @@ def test_without_pandas_a_line_says_what_to_install(results, name, monkeypatch):
 def test_a_missing_column_is_named(results):
     with pytest.raises(KeyError, match="no column 'speed'; it has arclength"):
         results["Branch"]["speed"]
+    with pytest.raises(KeyError, match=r"no column \['s'\]"):
+        results["Branch"][["s"]]
+
+
+def test_rows_that_an_array_selects(results):
+    branch = results["Branch"]
+    rows = branch[branch.stable]
+    assert list(rows) == list(branch.columns)
+    assert rows["s"].tolist() == branch["s"][branch.stable].tolist()
 
 
 def test_the_path_of_an_orbit(results):

@@ -54,13 +54,13 @@ class Columns(NotebookResult):
     @overload
     def __getitem__(self, column: str) -> Array: ...
     @overload
-    def __getitem__(self, column: slice) -> dict[str, Array]: ...
+    def __getitem__(self, column: slice | Array) -> dict[str, Array]: ...
 
-    def __getitem__(self, column: str | slice) -> Array | dict[str, Array]:
-        """Return a column; with a slice, these rows of all columns."""
-        if isinstance(column, slice):
+    def __getitem__(self, column: str | slice | Array) -> Array | dict[str, Array]:
+        """Return a column; with a slice, or an array such as `stable`, these rows of all."""
+        if isinstance(column, slice | np.ndarray):
             return {name: values[column] for name, values in self.columns.items()}
-        if column in self.columns:
+        if isinstance(column, str) and column in self.columns:
             return self.columns[column]
         name = f"{type(self).__name__.lower()} {self.id}"
         hint = self._instead(column) or did_you_mean(str(column), self.columns).strip(" ()")
