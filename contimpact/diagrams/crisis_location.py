@@ -369,12 +369,20 @@ def locate_tangencies(
             begin = end_of(path, leaves, 0)
             if end is None or begin is None or not is_physical(path):
                 continue
+            if any(_grazes(orbit) for orbit in (begin, end)):
+                continue  # a motion along the orbit, which itself grazes there
             longer = refined(path)
             if longer is not None and is_physical(longer[0]):
                 value, error = float(longer[0].unknowns[-1]), longer[1]
                 if not any(abs(t.value - value) <= t.error + error for t in found):
                     found.append(Tangency(leaves.parameter, value, error, begin, end, longer[0]))
     return sorted(found, key=lambda t: abs(t.value - leaves.value))
+
+
+def _grazes(orbit: Orbit) -> bool:
+    """Whether an orbit touches a wall, to rounding, or passes it."""
+    least = 1e-9 * orbit.period * float(np.max(np.abs(orbit.velocities)))
+    return not orbit.physical or orbit.smallest_gap < least
 
 
 def are_same_orbit(one: Orbit, other: Orbit) -> bool:

@@ -415,6 +415,16 @@ def test_a_homoclinic_tangency_is_the_crisis():
 
 
 @pytest.mark.full
+def test_where_an_orbit_itself_grazes_its_manifolds_do_not_touch():
+    pair = ImpactPair(beta="pi/4", r_B=0.45, r_T=0.35, M=0.05, omega=62.8, A=4.0, s=0.0425)
+    found = find_orbits(pair, "1:1", parameter="s")
+    orbit = next(o for o in found if o.physical and not o.stable)
+    branch = continue_orbit(orbit, range=(0.02, 0.043), events=("G",))
+    assert any(abs(entry.value - 0.0206465803) < 1e-9 for entry in branch.events)
+    assert locate_tangencies(orbit) == []
+
+
+@pytest.mark.full
 def test_motion_passes_an_orbit_within_its_attractor_and_returns():
     """1:1 is within complex motion at high restitution; of Fig. 7, 2:1 is beside it."""
     model = ImpactPair(beta=0.25, r=0.62, A=5.0, s=0.145)
