@@ -16,7 +16,7 @@ from ..storage import csv_text, write_text
 from ..studies.executors import Workshop, dask, mpi, processes
 from ..studies.run import Tally, WorkersLostError, duration, run_study
 from ..studies.store import Store
-from ..studies.study import QUANTITIES, Map, Study, quantity_of, shortfall, studies
+from ..studies.study import COUNT, QUANTITIES, Map, Study, quantity_of, shortfall, studies
 from ..studies.study_file import load_study
 from . import complain, say
 
@@ -164,7 +164,7 @@ def _write_map(shown: Map, study: Study, folder: Path, options: argparse.Namespa
 
         save_map(shown, folder, formats, units_of(study.given["model"]["system"]))
     if not options.quiet:
-        say(f"{shown.study}: {shown.text}: {_describe(shown)}")
+        say(f"{shown.title}: {shown.text}: {_describe(shown)}{_why_none(shown, study)}")
         for line in _compare_zeros(shown):
             say(f"  {line}")
 
@@ -178,6 +178,20 @@ def _describe(shown: Map) -> str:
         return ", ".join(f"{name} {count}" for name, count in counts.most_common())
     low, high = shown.values[known].min(), shown.values[known].max()
     return f"{low:.6g} to {high:.6g} in {known.sum()} of {count_text(len(known), 'scene')}"
+
+
+def _why_none(shown: Map, study: Study) -> str:
+    """What a map without values lacks, and the labels there are where one occurs nowhere."""
+    if shown.quantity.startswith(COUNT) and not shown.values.any():
+        query = "SELECT DISTINCT label FROM events WHERE study = ? ORDER BY label"
+        known = ", ".join(label for (label,) in study.rows(query, [study.number]))
+        return f"; labels are {known}" if known else ""
+    kept = {"energy": "energies", "bound": "attractors"}.get(shown.quantity)
+    if _is_known(shown).any():
+        return ""
+    if shown.quantity == "margin" and study.file.first.margins is None:
+        return ": state [margins]"
+    return f": add {kept!r} to study.keep" if kept and kept not in study.file.keep else ""
 
 
 def _compare_zeros(shown: Map) -> list[str]:

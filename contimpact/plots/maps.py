@@ -53,7 +53,7 @@ def save_map(
     """Save a map as ``<study>-<quantity>.<format>``; returns the names."""
     ax = plot_map(shown, units=units)
     text = f": {plain_text(shown.text, 80)}" if shown.named else ""  # else at the colour bar
-    write_heading(ax.figure, plain_text(shown.study) + text)
+    write_heading(ax.figure, plain_text(shown.title) + text)
     return save_figure(ax.figure, Path(folder), shown.stem, formats, shown.stem)
 
 

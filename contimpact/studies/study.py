@@ -584,16 +584,16 @@ class Study(NotebookResult):
         orbit : str
             The notation of the orbit it is asked of.
         at : mapping of str to float, optional
-            Values of the study's other axes, if any has several.
+            Values of the study's other axes, if any has several: the nearest there is.
 
         Raises
         ------
         InputError
-            If there is no such quantity or axis, or another axis is left open.
+            If there is no such quantity or axis, or another axis is left open or has no value near.
         """
         which, chosen = quantity_of(quantity), _axes(self, axes)
-        at = _only_values(self, chosen) | dict(at or {})
-        places = _scenes_at(self, chosen, at)
+        at, only = dict(at or {}), _only_values(self, chosen)
+        places, at = _scenes_at(self, chosen, only | at)
         known = which.values(self, orbit)
         empty = None if which.named else np.nan
         values = [known.get(scene, empty) for scene in places]
@@ -604,7 +604,8 @@ class Study(NotebookResult):
         kind: Any = object if which.named else float
         column = np.array(values, dtype=kind)
         curves = codimension_two(self, chosen, orbit, at)
-        return Map(self.name, quantity, said, chosen, x, y, column, which.named, curves)
+        at = {name: value for name, value in at.items() if name not in only}
+        return Map(self.name, quantity, said, chosen, x, y, column, which.named, curves, at)
 
 
 @dataclass(frozen=True)
@@ -745,6 +746,13 @@ class Map:
     curves: Mapping[str, Array] = field(default_factory=dict)
     """Points of codimension two that studies of the same store have found, by kind, shape (n,
     2)."""
+    at: Mapping[str, float] = field(default_factory=dict)
+    """Values of those other axes that have several."""
+
+    @property
+    def title(self) -> str:
+        """The study, and where the map is."""
+        return ", ".join([self.study, *(f"{name} = {v:.6g}" for name, v in self.at.items())])
 
     @property
     def stem(self) -> str:
@@ -811,20 +819,26 @@ def _only_values(study: Study, axes: tuple[str, str]) -> dict[str, float]:
 
 def _scenes_at(
     study: Study, axes: tuple[str, str], at: Mapping[str, float]
-) -> dict[int, tuple[float, float]]:
-    """The finished scenes at values of the other axes, with their places."""
+) -> tuple[dict[int, tuple[float, float]], dict[str, float]]:
+    """The finished scenes at the values of the other axes that are nearest to some, with their
+    places, and these values."""
     for name in (*at, *study.axes):
         if name not in study.axes or (name in at) == (name in axes):
-            open_ = ", ".join(a for a in study.axes if a not in axes) or "none"
+            open_ = ", ".join(a for a in study.axes if a not in axes)
             found = f"found {name!r}" if name in at else f"found nothing for {name!r}"
-            raise InputError("at", found, f"give values of {open_}")
+            accepted = f"give values of {open_}" if open_ else "the map is over all axes"
+            raise InputError("at", found, accepted)
+    taken = {}
     columns = study.scenes().arrays()
     keep = np.ones(len(columns["scene"]), dtype=bool)
-    for name, value in at.items():
-        nearest = columns[name][np.abs(columns[name] - value).argmin()]
+    for name, value in at.items() if len(columns["scene"]) else ():
+        low, high = columns[name].min(), columns[name].max()
+        if not low - NEAR * abs(low) <= value <= high + NEAR * abs(high):
+            raise InputError(f"at {name}", f"found {value:g}", f"give {low:g} to {high:g}")
+        taken[name] = nearest = float(columns[name][np.abs(columns[name] - value).argmin()])
         keep &= np.abs(columns[name] - nearest) <= NEAR * max(abs(nearest), NEAR)
     places = zip(*(columns[name][keep].tolist() for name in axes), strict=True)
-    return dict(zip(columns["scene"][keep].tolist(), places, strict=True))
+    return dict(zip(columns["scene"][keep].tolist(), places, strict=True)), taken
 
 
 def codimension_two(

@@ -286,6 +286,23 @@ def test_an_axis_with_one_value_needs_none(tmp_path):
         assert one.map("ends").values.tolist() == one.map("ends", at={"A": 5.0}).values.tolist()
 
 
+def test_a_map_is_at_the_nearest_value_of_another_axis_and_says_which(tmp_path):
+    given = study_given("two", grid=GRID | {"A": [5.0, 8.0]})
+    del given["model"]["parameters"]["A"]
+    study = read_study(given)
+    with Store(tmp_path / "two.sqlite") as store:
+        number = store.enter(study)
+        for scene, force in enumerate((5.0, 8.0)):
+            store.record(number, scene, {"beta": 0.1, "r": 0.2, "A": force}, outcome(0.1, 0.2))
+    with Study(tmp_path / "two.sqlite") as two:
+        shown = two.map("ends", at={"A": 6.0})
+        assert (shown.at, shown.title, len(shown.x)) == ({"A": 5.0}, "two, A = 5", 1)
+        with pytest.raises(InputError, match="at A: found 9; give 5 to 8"):
+            two.map("ends", at={"A": 9.0})
+        with pytest.raises(InputError, match="at: found nothing for 'A'; give values of A"):
+            two.map("ends")
+
+
 def of(shown):
     return {
         (round(x, 9), round(y, 9)): v
