@@ -117,6 +117,17 @@ def test_a_grazing_of_the_orbit_without_impacts_is_certified():
     assert found.certified, found
 
 
+def test_a_velocity_that_is_zero_outright_is_proven_again():
+    """Its ball shrank to 1e-53, which only the inverse matrix of the first proof allowed."""
+    pair = ImpactPair(beta="pi/4", r_B=0.45, r_T=0.35, M=0.05, omega=62.8, A=4.0, s=0.03)
+    orbits = find_orbits(pair, "1:1", parameter="s")
+    branches = [continue_orbit(o, range=(0.02, 0.12), events=("V",)) for o in orbits]
+    entries = [entry for branch in branches for entry in branch.events]
+    assert len(entries) >= 2
+    for entry in entries:
+        assert verify_entry(entry, certify_entry(entry)).certified
+
+
 @pytest.mark.slow
 def test_wrong_statements_of_the_orbit_without_impacts_are_rejected():
     (entry,) = (e for e in entries_of("soft_stop") if not e.word)
