@@ -36,7 +36,7 @@ def plot_map(shown: Map, ax: Any = None, units: Mapping[str, str] | None = None)
     units = units or {}
     label_axis(ax.xaxis, x, units.get(x, ""))
     label_axis(ax.yaxis, y, units.get(y, ""))
-    ax.margins(0)
+    ax.margins(0.0 if shown.grid() is not None else 0.04)  # points are drawn whole
     if handles:
         legend: dict[str, Any] = {
             "loc": "upper center",
@@ -99,6 +99,8 @@ def _draw(ax: Any, shown: Map, numbers: Any, options: Mapping[str, Any]) -> Any:
     """Cells of a grid; points where there is none."""
     grid = shown.grid(numbers)
     if grid is None:
+        unknown = ~np.isfinite(numbers)
+        ax.scatter(shown.x[unknown], shown.y[unknown], s=12, facecolor="w", edgecolor="0.6")
         return ax.scatter(shown.x, shown.y, c=numbers, s=12, **options)
     return ax.pcolormesh(*grid, shading="nearest", rasterized=True, **options)
 

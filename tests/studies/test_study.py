@@ -368,6 +368,10 @@ def test_a_part_of_a_grid_is_a_grid_and_a_sample_none(tmp_path):
     assert scattered.grid() is None
     with pytest.raises(InputError, match="no grid"):
         scattered.zeros()
+    drawn = contimpact.plots.maps.plot_map(scattered)
+    (left, right), (bottom, top) = drawn.get_xlim(), drawn.get_ylim()
+    assert left < scattered.x.min() < scattered.x.max() < right
+    assert bottom < scattered.y.min() < scattered.y.max() < top
 
 
 def test_names_of_one_kind_have_colours_of_their_own():
