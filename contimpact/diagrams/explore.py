@@ -63,6 +63,8 @@ class Birth:
 
 STAGES = ("kernels", "search", "walk", "events", "switching", "tables")
 NOT_SWITCHED = "events not switched at"
+MARGINAL = 1e-9
+"""How far from the unit circle a multiplier is on it, within rounding."""
 
 
 @explain_arguments
@@ -269,6 +271,7 @@ class _Explorer:
             self.note_left()
             self.note_settled()
             self.note_values()
+            self.note_marginal()
         except ENDING as error:
             self.failure = failure_of(error, self.runs)
         if not self.runs and not self.failure and not elsewhere:
@@ -587,6 +590,18 @@ class _Explorer:
             missed = [f"{value:.9g}" for value in values if float(value) not in taken]
             if missed:
                 self.notes.append(f"no branch takes {name} = {', '.join(missed)} (detect.values)")
+
+    def note_marginal(self) -> None:
+        """Note branches whose orbits count as stable but attract nothing."""
+        names = []
+        for branch in self.branches:
+            seen = branch.stable & branch.physical
+            largest = np.fmax.reduce(np.abs(branch.multipliers[seen]), axis=1, initial=0.0)
+            if len(largest) > 2 and abs(np.median(largest) - 1.0) < MARGINAL:
+                names.append(branch.id)
+        if names:
+            text = "multipliers lie on the unit circle, as where nothing is lost: orbits called"
+            self.notes.append(f"{', '.join(names)}: {text} stable attract nothing")
 
     def not_found(self) -> list[NotFound]:
         """The words of which no orbit at the start was found, nor a branch that passes it."""

@@ -56,6 +56,17 @@ def test_every_change_of_physicality_is_an_event():
     assert passing == 4
 
 
+@pytest.mark.parametrize("r", [0.8, 1.0])
+def test_orbits_that_attract_nothing_are_said_to(r):
+    """Without losses the product of the multipliers, r^4, is one."""
+    table = scene_table(follow={"orbits": ["1:1"], "range": [0.4, 1.0], "switch": []})
+    table["model"]["parameters"] |= {"r": r, "s": 0.8}
+    found = follow(read_scene(table))
+    assert found.reading.stable
+    said = [note for note in found.statistics["notes"] if "attract nothing" in note]
+    assert len(said) == (r == 1.0)
+
+
 @pytest.mark.full
 def test_rotated_words_are_one():
     assert len(follow(small(orbits=["BT", "TB"])).branches) == len(follow(small()).branches)
