@@ -26,7 +26,8 @@ def write_auto(branch: Branch, path: str | Path) -> None:
     """Write a branch as an AUTO-07p bifurcation file (``b.NAME``).
 
     Columns are branch, point (negative where unstable), type, label, the parameter, the norm of
-    the velocities before impact, and then the impact times and velocities.
+    the velocities before impact, and then the impact times and velocities; of the word ``0``, the
+    norm of the state at t = 0, and then the state.
 
     Parameters
     ----------
@@ -36,10 +37,14 @@ def write_auto(branch: Branch, path: str | Path) -> None:
     number = int("".join(c for c in branch.id if c.isdigit()) or 1)
     kinds = {entry.id: kind_of(entry.kind).auto for entry in branch.events}
     names = [f"{name}{k + 1}" for k in range(len(branch.word)) for name in ("t", "v")]
+    if not branch.word:
+        names = [name for name in branch.columns if re.fullmatch(r"[xv]\d+_0", name)]
     titles = [branch.parameter, "L2-NORM", *names]
     lines = ["   0    PT  TY  LAB " + "".join(f"{title:^19}" for title in titles)]
-    columns = [branch[branch.parameter], np.linalg.norm(branch.velocities, axis=1)]
-    table = np.column_stack([*columns, *(branch[name] for name in names)])
+    numbers = np.column_stack([branch[name] for name in names])
+    columns = [branch[branch.parameter]]
+    columns.append(np.linalg.norm(branch.velocities if branch.word else numbers, axis=1))
+    table = np.column_stack([*columns, numbers])
     label, stable, events = 0, branch.stable.tolist(), branch["event"].tolist()
     form = "%19.10E" * table.shape[1]
     for row, values in enumerate(table.tolist()):

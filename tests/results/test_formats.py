@@ -12,6 +12,7 @@ from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits
 from contimpact.results.formats import write_auto, write_mat
 from contimpact.systems.impact_pair import ImpactPair
+from contimpact.systems.oscillator import Oscillator
 
 
 @pytest.fixture(scope="module")
@@ -34,6 +35,17 @@ def test_auto(branch, tmp_path):
     doubling = next(e for e in branch.events if e.kind == "PD")
     assert types[doubling.id] == 7
     assert table[0, 2] == table[-1, 2] == 9
+
+
+def test_auto_without_impacts(tmp_path):
+    """The steady motion in closed form: a/(k - omega^2 + i c omega)."""
+    model = Oscillator(a=1.0, omega=2.5, c=0.1, k=1.0, sigma=1.0, r=0.8)
+    (orbit,) = find_orbits(model, "0", parameter="omega")
+    write_auto(continue_orbit(orbit, range=(2.0, 3.0), events=()), tmp_path / "b.zero")
+    omega, norm, x, v = np.loadtxt(tmp_path / "b.zero", skiprows=1)[:, 4:].T
+    steady = 1.0 / (1.0 - omega**2 + 0.1j * omega)
+    np.testing.assert_allclose([x, v], [steady.real, -omega * steady.imag], rtol=1e-8)
+    np.testing.assert_allclose(norm, np.hypot(x, v), rtol=1e-9)
 
 
 def test_mat(branch, tmp_path):
