@@ -458,6 +458,10 @@ SECTIONS = 16
 """Parts into which a stretch with a boundary is divided at once."""
 TURNS = 24
 """Rounds in which directions around the nearest are tried, each within 0.7 of the last angle."""
+CHECKS = 4
+"""How often a nearer boundary is looked for in sixteen times as many random directions."""
+SETTLED = 4
+"""Rounds from whose gain it is seen how well the nearest direction is known."""
 FINEST = 1e-9
 """Part of the distance to which it is bracketed."""
 
@@ -469,8 +473,8 @@ class Integrity:
     distance: float
     """In the units of `sizes`; `largest` if no start led elsewhere."""
     error: float
-    """Width of the last bracket. A part of the basin of another motion that is thinner than the
-    spacing of starts may be nearer."""
+    """Width of the last bracket, or what the last rounds of directions have gained. A part of the
+    basin of another motion that is thinner than the spacing of starts may be nearer."""
     bounded: bool
     """Whether a boundary was met."""
     impact: int
@@ -543,6 +547,10 @@ def integrity(
     return _Search(orbit, settling).nearest(directions, largest, random_generator(rng))
 
 
+def _unit(rays: Array) -> Array:
+    return np.asarray(rays / np.linalg.norm(rays, axis=1)[:, None])
+
+
 class _Search:
     """Starts around an orbit, and where they lead."""
 
@@ -557,7 +565,15 @@ class _Search:
         if (reached := self.known[0].notation) != orbit.notation:
             found = f"simulated from {orbit.notation}, motion comes to {reached}"
             raise InputError("orbit", found, "give an orbit whose basin a simulation can resolve")
-        self.starts = 0
+        self.starts = self.directions = 0
+        self.moves = np.array([self.moving(k) for k in range(len(self.impacts))])
+
+    def moving(self, impact: int) -> list[bool]:
+        """Which coordinates of an impact change the motion: rates of first order do not."""
+        unit, still = 1e-3 * np.eye(self.impacts.shape[1]), np.zeros(self.impacts.shape[1])
+        here, *moved = (self.state(impact, change) for change in [still, *unit])
+        ends = [s and self.simulator.run(s, impacts=1).end for s in (here, *moved)]
+        return [end != ends[0] for end in ends[1:]]
 
     def state(self, impact: int, change: Array) -> State | None:
         """The start with an impact moved; None where it would run away from the wall."""
@@ -589,14 +605,14 @@ class _Search:
         return low, high
 
     def nearest(self, directions: int, largest: float, generator: np.random.Generator) -> Integrity:
+        self.directions = directions
         count, size = self.impacts.shape
         angles = 2.0 * np.pi * np.arange(directions) / directions
         rays = np.column_stack([np.cos(angles), np.sin(angles)])
         if size > 2:
             rays = generator.normal(size=(directions, size))
-            rays /= np.linalg.norm(rays, axis=1)[:, None]
         moved = np.repeat(np.arange(count), directions)
-        rays = np.tile(rays, (count, 1))
+        rays = _unit(np.tile(rays, (count, 1)) * self.moves[moved])
         radius = SMALLEST
         while True:
             beyond = np.flatnonzero(self.reached(moved, radius * rays))
@@ -605,12 +621,31 @@ class _Search:
             radius = min(RATIO * radius, largest)
         if not beyond.size:
             return self.result(largest, 0.0, False, 0, np.zeros(size))
-        spread = 2.0 * np.pi / directions
+        impact, ray, high, gain = self.narrowed(moved[beyond], rays[beyond], radius, generator)
+        moved = np.repeat(np.arange(count), 16 * directions)
+        for _ in range(CHECKS if size > 2 else 0):  # random directions may have missed a nearer one
+            rays = _unit(generator.normal(size=(len(moved), size)) * self.moves[moved])
+            beyond = np.flatnonzero(self.reached(moved, high * rays))
+            if not beyond.size:
+                break
+            again = self.narrowed(moved[beyond], rays[beyond], high, generator)
+            impact, ray, high, gain = min((impact, ray, high, gain), again, key=lambda one: one[2])
+        inner, high = self.bracket(impact, ray, high, FINEST)
+        return self.result(high, max(high - inner, gain), True, impact, high * ray)
+
+    def narrowed(
+        self, tried: Array, near: Array, radius: float, generator: np.random.Generator
+    ) -> tuple[int, Array, float, float]:
+        """The nearest boundary around directions that lead elsewhere at a radius: the impact, the
+        direction, the distance, and what the last rounds have gained of it."""
+        size, highs = self.impacts.shape[1], list[float]()
+        spread, turns = 2.0 * np.pi / self.directions, TURNS
+        if size > 2:  # random directions are far apart
+            spread, turns = 1.0, 4 * TURNS
         width = min(0.1 * spread**2, 0.1)
-        impact, ray, high = 0, rays[0], radius / (1.0 - width)
-        tried, near = moved[beyond], rays[beyond]
-        for _ in range(TURNS):
-            inside = high * (1.0 - width)
+        impact, ray, high = int(tried[0]), near[0], radius / (1.0 - width)
+        for _ in range(turns):
+            before, inside = high, high * (1.0 - width)
             for j in np.flatnonzero(self.reached(tried, inside * near)).tolist():
                 k, one = int(tried[j]), near[j]
                 inside = high * (1.0 - width)
@@ -618,11 +653,12 @@ class _Search:
                     impact, ray = k, one
                     high = self.bracket(k, one, inside, width)[1]
             near = ray + spread * generator.uniform(-1.0, 1.0, size=(SECTIONS, size))
-            near /= np.linalg.norm(near, axis=1)[:, None]
-            tried, spread = np.full(SECTIONS, impact), 0.7 * spread
+            near = _unit(near * self.moves[impact])
+            highs.append(high)
+            tried = np.full(SECTIONS, impact)
+            spread *= 0.7 if size <= 2 or high == before else 1.0
             width = max(0.1 * spread**2, FINEST)
-        inner, high = self.bracket(impact, ray, high, FINEST)
-        return self.result(high, high - inner, True, impact, high * ray)
+        return impact, ray, high, highs[-SETTLED] - high
 
     def result(
         self, distance: float, error: float, bounded: bool, impact: int, change: Array

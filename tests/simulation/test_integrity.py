@@ -11,6 +11,7 @@ from zoo import TWO_MASSES
 
 from contimpact.errors import InputError
 from contimpact.orbits.search import find_orbits
+from contimpact.results.scene import read_scene
 from contimpact.simulation.integrity import integrity
 from contimpact.simulation.manifolds import grow_manifold
 from contimpact.simulation.settle import settle
@@ -92,6 +93,31 @@ def test_of_several_coordinates():
         state = simulator.state("A", time % simulator.period, velocity, others)
         back.append(settle(simulator, state).notation)
     assert back == [orbit.notation, "0:1"]
+
+
+@pytest.mark.full
+def test_in_several_coordinates_the_nearest_does_not_depend_on_the_directions():
+    """A harvester with a circuit: the voltage's rate is no part of the state, and is not moved."""
+    model = {
+        "system": "hybrid",
+        "period": "2*pi/w",
+        "parameters": {"a": 6.0, "w": 240.0, "s": 4e-4},
+        "modes": {
+            "free": {"x": "v", "v": "a*cos(w*t) - 5*v - 35000*x - V/10", "V": "3e4*v - 250*V"}
+        },
+        "guards": {"S": {"within": "x <= s", "set": {"v": "-0.65*v"}}},
+    }
+    follow = {"parameter": "w", "range": [200.0, 300.0], "orbits": ["1"]}
+    scene = read_scene({"name": "harvester", "model": model, "follow": follow})
+    orbit = next(o for o in find_orbits(scene.model, "1", parameter="w") if o.stable and o.physical)
+    found = [integrity(orbit, rng=seed) for seed in (0, 1)]
+    assert found[0].distance == pytest.approx(found[1].distance, rel=1e-8)
+    assert found[0].change[3] == 0.0
+    simulator, row = Simulator(orbit.model), orbit.problem.impacts(orbit.unknowns)[0]
+    for part, reached in ((0.999, "1"), (1.001, found[0].leads_to)):
+        time, velocity, *others = row + part * found[0].change
+        state = simulator.state("S", time % simulator.period, velocity, others)
+        assert settle(simulator, state).notation == reached
 
 
 def test_refusals():
