@@ -395,7 +395,14 @@ class Search:
             return None, "the orbit turns back"
         except InputError as error:
             return None, f"the model ends ({error})"
-        there = solve_near(problem, guess)
+        try:
+            return self.solved(here, guess)
+        except ArithmeticError as error:  # motions turn or decay too often, or overflow
+            return None, f"the model ends ({error})"
+
+    def solved(self, here: Linearisation, guess: Array) -> tuple[Linearisation | None, str]:
+        """The observable orbit that a guess leads to, or why there is none."""
+        there = solve_near(self.problem, guess)
         if there is None or self.apart(there.unknowns, guess) > OFF:
             return None, "no orbit is found beyond"
         if not there.verdict.physical:

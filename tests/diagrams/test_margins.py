@@ -233,6 +233,29 @@ def test_where_the_model_ends_nothing_bifurcates():
 
 
 @pytest.mark.slow
+def test_where_a_motion_decays_too_often_to_be_followed_the_model_ends():
+    """A load that vanishes ten tolerances away: its circuit's rate 1/(R C) becomes infinite."""
+    model = {
+        "system": "hybrid",
+        "period": "2*pi/w",
+        "parameters": {"R": 1e5, "w": 240.0, "s": 4e-4},
+        "modes": {
+            "free": {"x": "v", "v": "6*cos(w*t) - 5*v - 35000*x - V/10", "V": "3e4*v - 25e6*V/R"}
+        },
+        "guards": {"S": {"within": "x <= s", "set": {"v": "-0.65*v"}}},
+    }
+    follow = {"parameter": "w", "range": [200.0, 300.0], "orbits": ["1"]}
+    scene = ci.read_scene({"name": "harvester", "model": model, "follow": follow})
+    found = ci.find_orbits(scene.model, "1", parameter="w")
+    orbit = next(o for o in found if o.stable and o.physical)
+    margins = ci.find_margins(orbit, {"w": "2%", "R": "10%"})
+    branch = ci.continue_orbit(orbit, range=(200.0, 300.0), events=["FB"])
+    fold = next(e.value for e in branch.events if e.value > 240.0)
+    assert margins.nearest.kind == "FB"
+    assert margins.nearest.distance <= (fold - 240.0) / 4.8
+
+
+@pytest.mark.slow
 def test_isolines_of_a_margin():
     """Along the curve a search that begins anew finds the same event at the same distance."""
     orbit, tolerances = stable("1:1", 0.45), {"s": 0.005, "r": 0.01}
