@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -151,16 +152,24 @@ FILLS: dict[bool, dict[str, Any]] = {
 @draw_result.register(Ranges)
 @explain_arguments
 def plot_ranges(found: Ranges, ax: Any = None, *, unit: str = "") -> Any:
-    """Draw a bar for each attractor, those of one notation in one row; returns the axes.
+    """Draw a bar for each attractor, those of one notation in one row where they do not overlap;
+    returns the axes.
 
     Where simulation alone shows an end, a line shows between which values it lies. The axes, such
     as those below a diagram, are new ones by default; the unit is that of the parameter.
     """
     motions = sorted(found.motions, key=lambda motion: motion.low.value)
-    names = list(dict.fromkeys(plain_text(motion.notation, 30) for motion in motions))
-    ax = ax or new_figure(7.2, 0.9 + 0.32 * max(len(names), 1)).add_subplot()
+    names, ends, rows = list[str](), list[float](), list[int]()
     for motion in motions:
-        row = names.index(plain_text(motion.notation, 30))
+        name, begin = plain_text(motion.notation, 30), motion.low.value + motion.low.error
+        free = (i for i, own in enumerate(names) if own == name and ends[i] <= begin)
+        rows.append(next(free, len(names)))
+        if rows[-1] == len(names):
+            names.append(name)
+            ends.append(math.inf)
+        ends[rows[-1]] = motion.high.value
+    ax = ax or new_figure(7.2, 0.9 + 0.32 * max(len(names), 1)).add_subplot()
+    for motion, row in zip(motions, rows, strict=True):
         low, high = motion.low, motion.high
         look = FILLS[motion.branch is not None]
         ax.barh(row, high.value - low.value, left=low.value, height=0.55, linewidth=0.8, **look)

@@ -304,6 +304,19 @@ def test_bars(fig7):
     assert len(ax.patches) == len(fig7.motions)
 
 
+def test_bars_of_one_notation_that_overlap_are_in_rows_of_their_own():
+    orbits = ci.find_orbits(PAIR.replace(s=0.5), "1:1", parameter="s")
+    orbit = next(o for o in orbits if o.stable and o.physical)
+    ranges = ((0.4, 0.8), (0.45, 0.9))
+    branches = [
+        ci.continue_orbit(orbit, range=limits, events=(), name=f"b{k}")
+        for k, limits in enumerate(ranges, 1)
+    ]
+    ax = plot_ranges(attractor_ranges(Diagram("two", branches)))
+    assert [label.get_text() for label in ax.get_yticklabels()] == ["1:1", "1:1"]
+    assert sorted(bar.get_y() + bar.get_height() / 2 for bar in ax.patches) == [0.0, 1.0]
+
+
 @pytest.mark.parametrize("name", ["fig7", "two_masses", "stiff"])
 def test_attractors_in_a_file_are_matched_with_branches(tmp_path, name):
     """Without coverage.json, as after an interruption, what lies on branches is not listed twice.
