@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, printable
-from ..models.guards import name_orbit
+from ..models.guards import is_rotation, name_orbit
 from ..progress import Progress, telling
 from ..results.options import FORMATS, CurveOptions
 from ..results.result_folder import hold_folder, prepare_folder
@@ -200,7 +200,7 @@ def _start_lines(scene: Scene, tell: Progress) -> tuple[Sequence[float], list[st
 
 def _orbits(scene: Scene, kernels: Any, tell: Progress) -> list[str]:
     """How many orbits each word has at the start; refused where a run would be."""
-    from ..diagrams.starting_orbits import add_settled, not_found, refusal, search_at
+    from ..diagrams.starting_orbits import add_settled, not_found, refusal, search_at, word_of
 
     letters = scene.model.letters
     lines, missing = [], []
@@ -228,6 +228,15 @@ def _orbits(scene: Scene, kernels: Any, tell: Progress) -> list[str]:
     if settled is not None:
         place = f"{scene.parameter} = {scene.start:.9g}"
         lines += settled.remarks(place, any(not word.walls for word in scene.orbits))
+        words = dict.fromkeys(word_of(orbit) for orbit in settled.orbits)
+        lines += [
+            f"simulation settles on {word} at {place}, which is not in follow.orbits"
+            for word in words
+            if not any(
+                word.period == own.period and is_rotation(word.walls, own.walls)
+                for own in scene.orbits
+            )
+        ]
     return lines
 
 

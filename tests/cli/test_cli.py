@@ -131,6 +131,12 @@ def test_check_says_what_would_run(run, scene):
     assert re.search(r"left out .*FB, BP, NS, V, T, UZ", out)
 
 
+def test_check_names_what_simulation_settles_on(run, scene):
+    said = "simulation settles on BBT at s = 0.34, which is not in follow.orbits"
+    assert said in run("check", scene())[1]
+    assert "settles" not in run("check", scene('["1:1"]', '["1:1", "2:1"]'))[1]
+
+
 def test_check_names_requested_values(run, scene):
     status, out, _ = run("check", scene("[plot]", "[detect.values]\nd = [0.2]\n[plot]"))
     assert status == 0
