@@ -201,7 +201,7 @@ def _compare_zeros(shown: Map) -> list[str]:
     y = shown.axes[1]
     known = {kind: shown.departure(kind) for kind in shown.curves}
     return [
-        f"changes its sign at {len(shown.zeros())} places along {y}",
+        f"changes its sign at {count_text(len(shown.zeros()), 'place')} along {y}",
         *(
             f"at most {far:.2g} in {y} from {kind} computed directly"
             for kind, far in known.items()

@@ -572,5 +572,8 @@ def refusal(path: Path, error: sqlite3.Error) -> InputError:
     if name.startswith("SQLITE_BUSY"):
         found = f"another process has been writing it for {PATIENCE:g} s"
         return InputError(str(path), found, "wait until it has ended, and start again: it goes on")
+    if name == "SQLITE_ERROR":
+        accepted = "mend the query, or give another store"
+        return InputError(str(path), f"a query cannot be answered ({said})", accepted)
     found = f"cannot be used ({said})"
     return InputError(str(path), found, "give another store, or a copy of this one")

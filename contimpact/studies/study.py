@@ -541,7 +541,11 @@ class Study(NotebookResult):
         if not found or found[0][0] is None:
             what = f"nothing is kept whole of scene {scene}" + (f", {name}" if name else "")
             kept = {"branches": "tables", "catalogues": "catalogue"}.get(table, table)
-            raise InputError(f"study {self.name}", what, f"add {kept!r} to study.keep")
+            accepted = f"add {kept!r} to study.keep"
+            if kept in self.given["study"].get("keep", ()):
+                accepted = f"give a scene from 0 to {self.total - 1} that is finished"
+                accepted += f", and one of its {table}" if name else ""
+            raise InputError(f"study {self.name}", what, accepted)
         return decompress_text(found[0][0])
 
     def sweeps(self) -> list[Sweep]:

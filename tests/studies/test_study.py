@@ -275,6 +275,21 @@ def test_what_cannot_be_asked(ask, asked):
     assert len(asked.events()) == 60
 
 
+def test_what_is_kept_but_not_there_is_said(tmp_path):
+    given = study_given("kept", grid=GRID)
+    given["study"]["keep"] = ["catalogue"]
+    study = read_study(given)
+    with Store(tmp_path / "kept.sqlite") as store:
+        store.enter(study)
+    with Study(tmp_path / "kept.sqlite") as kept:
+        with pytest.raises(InputError, match=f"scene from 0 to {kept.total - 1} that is finished"):
+            kept.entries(99)
+        with pytest.raises(InputError, match=r"add 'tables' to study\.keep"):
+            kept.table(0, "b1")
+        with pytest.raises(InputError, match=r"a query cannot be answered .*; mend the query"):
+            list(kept.rows("SELEC 1"))
+
+
 def test_an_axis_with_one_value_needs_none(tmp_path):
     given = study_given("one", grid=GRID | {"A": [5.0]})
     del given["model"]["parameters"]["A"]
