@@ -30,6 +30,7 @@ from ..bifurcations.declarations import KINDS
 from ..continuation.branch import Point, Walk
 from ..continuation.corrector import DENSE_UP_TO, border_jacobian, solve
 from ..continuation.settings import PREDICTORS, Settings
+from ..continuation.walk import reraise_interruption
 from ..diagrams.explore import follow
 from ..diagrams.orbit_walks import walk_orbits
 from ..diagrams.starting_orbits import orbits_at_start
@@ -39,7 +40,7 @@ from ..orbits.orbit import Orbit
 from ..orbits.problem import OrbitProblem
 from ..orbits.status import multipliers
 from ..results.branch import Entry, details_of, orbit_of
-from ..results.diagram import Diagram
+from ..results.diagram import INTERRUPTED, Diagram
 from ..results.scene import Scene
 from ..segments.kernels import Kernels
 from ..storage import finite, write_all
@@ -249,6 +250,8 @@ def report(
     kernels = Kernels(scene.model, scene.parameter)
     progress("the scene's diagram")
     diagram = follow(scene)
+    if diagram.statistics["failure"] == INTERRUPTED:
+        raise KeyboardInterrupt
     orbit = _orbit(scene, kernels, diagram)
     task = _Task(scene, orbit, repetitions, progress)
     methods = task.walked()
@@ -324,10 +327,12 @@ class _Task:
 
     def walks(self, settings: Settings) -> list[Walk]:
         start, limits = (self.problem, self.orbit.unknowns), self.scene.range
-        return [
+        walks = [
             walk_orbits(*start, direction, gaps=False, limits=limits, settings=settings)
             for direction in (-1, +1)
         ]
+        reraise_interruption(walk.end for walk in walks)
+        return walks
 
     def settings(self, **changes: Any) -> Settings:
         base = dataclasses.replace(self.scene.settings, max_points=POINTS, min_step=1e-7)

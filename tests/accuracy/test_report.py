@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -31,6 +32,7 @@ from contimpact.accuracy.report import (
     measure_events,
 )
 from contimpact.cli import main
+from contimpact.continuation.branch import EndKind
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.orbit_walks import walk_orbits
@@ -333,6 +335,24 @@ def test_events_that_there_is_no_time_for_are_counted(monkeypatch):
     fair = compare_estimates(rows)
     assert (fair["events"], fair["compared"], fair["confirmed"]) == (2, 1, 1)
     assert "1 were not compared" in "\n".join(_event_table(rows, fair))
+
+
+@pytest.mark.parametrize("during", ["diagram", "walk"])
+def test_an_interruption_ends_a_report(monkeypatch, during):
+    """A report of what was followed until then looked like that of the whole scene."""
+    scene = read_scene(tomllib.loads(SMALL))
+    diagram, walks = follow(scene), module.walk_orbits
+    if during == "diagram":
+        diagram.statistics["failure"] = "interrupted"
+    monkeypatch.setattr(module, "follow", lambda scene: diagram)
+
+    def interrupted(*given, **options):
+        walk = walks(*given, **options)
+        return replace(walk, end=replace(walk.end, kind=EndKind.INTERRUPTED))
+
+    monkeypatch.setattr(module, "walk_orbits", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        module.report(scene, 1)
 
 
 def test_what_takes_long_is_not_repeated(monkeypatch):
