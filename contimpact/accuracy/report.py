@@ -63,8 +63,10 @@ from .reference import (
 # What proofs cost: seconds for each entry, and for each tube of a branch.
 
 
-def measure_certificates(scene: Scene, progress: Callable[[str], None]) -> dict[str, Any] | None:
-    """Return what it costs to certify a scene; None where it has no [certify].
+def measure_certificates(
+    scene: Scene, diagram: Diagram, progress: Callable[[str], None]
+) -> dict[str, Any] | None:
+    """Return what it costs to certify a scene's diagram; None where it has no [certify].
 
     Raises InputError if what proofs are made with is not installed.
     """
@@ -75,7 +77,7 @@ def measure_certificates(scene: Scene, progress: Callable[[str], None]) -> dict[
         raise InputError("certify", lacking, "pip install contimpact[certify]")
     from ..certificates.certify import certify
 
-    found = certify(follow(scene), options=scene.certify, progress=progress)
+    found = certify(diagram, options=scene.certify, progress=progress)
     return {
         "entries": len(found.entries),
         "certified": len(found.entries) - len(found.rejected),
@@ -260,7 +262,7 @@ def report(
     events = measure_events(scene, kernels, diagram)
     progress("simulation")
     simulation = measure_simulation(scene, TOLERANCES, repetitions, DIGITS)
-    proofs = measure_certificates(scene, progress)
+    proofs = measure_certificates(scene, diagram, progress)
     progress("long words")
     return {
         "schema": SCHEMA,

@@ -472,13 +472,13 @@ def test_a_scene_says_what_is_proven():
 
 
 @pytest.mark.full
-def test_the_report_says_what_proofs_cost():
+def test_the_report_says_what_proofs_cost(diagram):
     from contimpact.accuracy.report import _proof_table
     from contimpact.accuracy.report import measure_certificates as measured
 
-    assert measured(scene(), lambda text: None) is None
+    assert measured(scene(), diagram, lambda text: None) is None
     asked = scene(certify={}, follow={"switch": [], "range": [0.3, 0.5]})
-    found = measured(asked, lambda text: None)
+    found = measured(asked, follow(asked), lambda text: None)
     assert found["certified"] == found["entries"] == 2
     assert found["per_entry"]["low"] > 0.0
     assert all(b["complete"] and b["per_tube"] > 0.0 for b in found["branches"])
