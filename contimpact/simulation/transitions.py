@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +23,7 @@ from ..results.diagram import Diagram
 from ..results.options import SETTLING, Settling
 from ..schema import build_record
 from .attractor import Attractor, Cycle, Kind, repetitions_of, solve_cycle, stable_cycle_beside
-from .settle import multipliers_alone, periodic
+from .settle import contraction_of, multipliers_alone, periodic
 from .sweep import SAME, Row, Simulators, Sweep, same_attractor
 
 # Where an attractor ends between two values of a sweep.
@@ -141,6 +141,16 @@ def _periodic_row(
         return None
     found = periodic(simulators.at(value), cycle, contracts=multipliers_alone)
     return Row(before.direction, value, found)
+
+
+def _without_rounding(simulators: Simulators, row: Row) -> Row:
+    """A row with zero for the multipliers of which rounding leaves nothing."""
+    one = row.attractor
+    if one.kind is not Kind.PERIODIC:
+        return row
+    cycle = Cycle(**{each.name: getattr(one, each.name) for each in fields(Cycle)})
+    known = contraction_of(simulators.at(row.value), cycle).multipliers
+    return replace(row, attractor=replace(one, multipliers=known))
 
 
 def _beside(
@@ -611,7 +621,8 @@ def transitions_between(
             yield _not_followed(left, after)
             return
         if not leads_to(simulators, left, right, least, settling):
-            yield replace(name(left, right, earlier), wide=_width_reason(left, lost, right, width))
+            told = (_without_rounding(simulators, row) for row in (left, right, earlier))
+            yield replace(name(*told), wide=_width_reason(left, lost, right, width))
         if leads_to(simulators, right, after, least, settling):
             return
         splits = left.attractor.label == right.attractor.label
