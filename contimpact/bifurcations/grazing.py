@@ -737,25 +737,20 @@ def scenario_of(event: OrbitEvent, start: Start | None, touches: int) -> Scenari
     seen = []
     for n, ends in found:
         low, high = sorted(value + scale * end for end in ends)
-        if not (low < value < high or _admitted(here.problem, low, high)):
-            continue
-        word = Word(short.walls * (n - 1) + long.walls, n * short.period)
-        notation = word.notation(here.problem.model.letters)
-        seen.append(Window(n, notation, _finite(low), _finite(high)))
+        known = [_end(here.problem, end) for end in (low, high)]
+        finite = sum(map(math.isfinite, (low, high)))
+        if low < value < high or finite + known.count(None) == 2:
+            word = Word(short.walls * (n - 1) + long.walls, n * short.period)
+            seen.append(Window(n, word.notation(here.problem.model.letters), *known))
     return Scenario(name, None, *given, tuple(seen))
 
 
-def _admitted(problem: OrbitProblem, *values: float) -> bool:
-    """Whether the model admits one of these values of the followed parameter."""
-    for value in filter(math.isfinite, values):
-        with contextlib.suppress(InputError):
-            problem.model.replace(**{problem.parameter: value})
-            return True
-    return False
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+def _end(problem: OrbitProblem, value: float) -> float | None:
+    """The end of a window; None where the model does not admit this value of the parameter."""
+    with contextlib.suppress(InputError):
+        problem.model.replace(**{problem.parameter: value})
+        return value
+    return None
 
 
 def _refusal(event: OrbitEvent, touches: int) -> str:

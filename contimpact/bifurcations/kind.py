@@ -220,7 +220,8 @@ class Window:
     notation: str
     low: float | None = None
     high: float | None = None
-    """`low`, `high`: range of the parameter, to leading order; None where it has no end."""
+    """`low`, `high`: range of the parameter, to leading order; None where it has no end that the
+    model admits."""
 
 
 @dataclass(frozen=True)

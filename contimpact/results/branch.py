@@ -494,7 +494,8 @@ class Entry(ParameterItems, NotebookResult):
         "only of a G that is no ghost: what is [seen beyond](crises.md#beyond-a-grazing), as "
         "`name`, and the `reason` if it is `not decided`; of the normal form the `trace`, "
         "`determinant`, `coefficient` κ and the gap's `rate`, its derivative by the parameter; and "
-        "its `windows`, each with `cycles`, `notation`, `low`, `high` (null without end); newer",
+        "its `windows`, each with `cycles`, `notation`, `low`, `high` (null: no end that is "
+        "admitted); newer",
         None,
         silent=True,
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import cmath
+import dataclasses
 import functools
 import math
 
@@ -378,3 +379,21 @@ def test_windows_that_no_admitted_value_is_in_are_left_out():
     assert found
     assert all(entry.value - unit * low < 0.0 for _, (low, _) in found)
     assert scenario.windows == ()
+
+
+def test_windows_with_an_end_that_is_not_admitted_are_left_out():
+    """The second window of 3:1 is from 0.25572 to 0.25643; the first has one end."""
+
+    class LongPair(ci.ImpactPair):
+        SYSTEM = "long_pair"
+        PARAMETERS = tuple(
+            dataclasses.replace(p, lower=0.256) if p.name == "s" else p
+            for p in ci.ImpactPair.PARAMETERS
+        )
+
+    pair = LongPair(beta="pi/6", r=0.3, A=5.0, s=0.27)
+    orbit = next(o for o in ci.find_orbits(pair, "3:1", "s") if o.physical and o.stable)
+    (entry,) = real_grazings(ci.continue_orbit(orbit, "s", range=(0.2561, 0.27), events=["G"]))
+    known = pair_grazings()["3:1"].scenario.windows
+    within = [w.notation for w in known if w.low is not None and w.low > 0.256]
+    assert [w.notation for w in entry.scenario.windows] == within
