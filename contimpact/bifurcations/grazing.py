@@ -763,7 +763,7 @@ def _refusal(event: OrbitEvent, touches: int) -> str:
         several = "the normal form is not computed for several coordinates"
         return f"without forcing, {'an impact leaves no square root' if alone else several}"
     if not problem.paired:
-        return f"the return map has {problem.m} dimensions"
+        return f"the return map has {problem.m - problem.lost} dimensions"
     if not guard.rigid:
         return "the wall gives way"
     if touches != 1 or "impact" in event.details:

@@ -296,6 +296,27 @@ def test_where_the_normal_form_does_not_apply_it_says_why():
     assert not entry.scenario.windows
 
 
+@pytest.mark.parametrize(
+    ("circuit", "dimensions"),
+    [({"V": "v - V/2"}, 3), ({"V": "W", "W": "v - V - W"}, 4)],
+    ids=["of first order", "of second order"],
+)
+def test_dimensions_are_those_of_the_state(circuit, dimensions):
+    """The rate of a coordinate of first order is none of it: a circuit on an oscillator."""
+    model = {
+        "system": "hybrid",
+        "period": "pi",
+        "modes": {"free": {"x": "v", "v": "a*cos(2*t) - v/10 - x - V/5", **circuit}},
+        "guards": {"S": {"within": "x <= 1", "set": {"v": "-7*v/10"}}},
+        "parameters": {"a": 2.5},
+    }
+    follow = {"parameter": "a", "range": [2.0, 4.0], "orbits": ["0"]}
+    scene = ci.read_scene({"name": "circuit", "model": model, "follow": follow})
+    (orbit,) = ci.find_orbits(scene.model, "0", "a")
+    (entry,) = real_grazings(ci.continue_orbit(orbit, range=(2.0, 4.0), events=["G"]))
+    assert entry.scenario.reason == f"the return map has {dimensions} dimensions"
+
+
 def test_a_clock_that_switches_the_force_leaves_the_square_root():
     """A hammer pushed for two fifths of each period. Motions that just hit the stop before the end
     of a period are later for it by parts of the impact's velocity."""
