@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import importlib.util
+import math
 import webbrowser
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -149,6 +150,8 @@ def _draw(
         write_heading(ax.figure, heading(diagram))
     else:
         ax = plot_diagram(diagram, y=y, membrane=membrane, **chosen)
+    drawn = [[row[chosen["x"]] for row in swept.rows]] if swept is not None else []
+    _require_points(options, [*drawn, *(branch[chosen["x"]] for branch in diagram.branches)])
     write_figure(ax.figure, target, kind, diagram.name)
     for unknown in diagram.reading.unknown:
         say(sentence_of(unknown))
@@ -174,6 +177,8 @@ def draw_page(
         shown = dataclasses.replace(shown, source=scene.source, remarks=remarks)
     shown = dataclasses.replace(shown, **chosen)
     motions = motions_in(folder, diagram, model, tell) if model is not None else []
+    if options and not motions:
+        _require_points(options, [branch[chosen["x"]] for branch in diagram.branches])
     with reading(folder):
         text = page_of_folder(folder, diagram, model, shown, tell, motions)
     write(target, text)
@@ -225,6 +230,16 @@ def _plot_choices(
         "ylim": options.ylim or (plot.ylim if not options.y else None),
         "unphysical": plot.unphysical,
     }
+
+
+def _require_points(options: argparse.Namespace, drawn: Sequence[Sequence[float]]) -> None:
+    """Raise `InputError` if the limits asked for leave out all that is to be drawn."""
+    spans = [(min(known), max(known)) for given in drawn if (known := [v for v in given if v == v])]
+    low, high = options.xlim or (-math.inf, math.inf)
+    if spans and not any(first <= high and last >= low for first, last in spans):
+        first, last = min(first for first, _ in spans), max(last for _, last in spans)
+        accepted = f"all that is to be drawn is from {first:.6g} to {last:.6g}"
+        raise InputError("--xlim", f"found {low:g} to {high:g}", accepted)
 
 
 def _drawing_options(

@@ -531,6 +531,15 @@ def test_plot_limits(monkeypatch, run, copied):
     assert ax.get_ylim() == (-1.0, 2.0)
 
 
+@pytest.mark.parametrize("drawn", ["f.png", "f.html"])
+def test_plot_limits_beyond_all_points(run, copied, tmp_path, drawn):
+    """An empty picture was written."""
+    status, _, err = run("plot", copied, "--xlim", "5", "6", "-o", tmp_path / drawn)
+    assert status == 2
+    assert one_line(err).startswith("--xlim: found 5 to 6; all that is to be drawn is from 0.")
+    assert not (tmp_path / drawn).exists()
+
+
 def test_a_table_of_ranges_in_place_of_a_folder_is_refused(run, copied, tmp_path):
     for place in (".", "/", tmp_path):
         status, _, err = run("range", copied, "-o", place)
