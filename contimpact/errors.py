@@ -191,7 +191,8 @@ def _unusable_argument(
     for name, value in signature.bind(*given, **named).arguments.items():
         declared = str(signature.parameters[name].annotation)
         types = {kind.__name__ for kind in type(value).__mro__[:-1]} | {"Any"}
-        if value is owner and owner is not None and not types & {*re.findall(r"\w+", declared)}:
+        types |= {"None"} if value is None else set()
+        if value is owner and not types & {*re.findall(r"\w+", declared)}:
             return InputError(name, f"found {short_repr(value)}", f"give {declared}")
     return None
 

@@ -189,6 +189,8 @@ ANSWERED = {
     "ci.stable_intervals(o)": "branch: found",
     "ci.plot_sweep(b)": "give Sweep",
     "ci.write_auto(d, 'x')": "give Branch",
+    "ci.write_mat(None, 'x')": "branch: found None; give Branch",
+    "ci.settle(None)": "simulator: found None; give Simulator | Model",
     "ci.check_model(ci.SoftStop)": "give Model",
     "ci.run_study('study.toml', 'store.sqlite')": "give Store",
     "ci.sweep(m, 's', 0.4)": "values: found 0.4",

@@ -71,6 +71,10 @@ class Range:
     high: float
     observed: Sequence[Observed]
 
+    def __repr__(self) -> str:
+        here = "; ".join(_cells(one)[0] for one in self.observed) or "no attractor is known"
+        return f"{self.low:.9g} to {self.high:.9g}: {here}"
+
 
 @dataclass(frozen=True, eq=False)
 class Ranges(NotebookResult):
@@ -139,9 +143,7 @@ class Ranges(NotebookResult):
 
     def __repr__(self) -> str:
         lines = [f"{self.name}: attractors along {self.parameter}"]
-        for r in self.ranges:
-            here = "; ".join(_cells(one)[0] for one in r.observed) or "no attractor is known"
-            lines.append(f"  {r.low:.9g} to {r.high:.9g}: {here}")
+        lines += [f"  {r!r}" for r in self.ranges]
         for m in self.motions:
             speed = max(m.speeds, default=math.nan)
             fastest = f", with impacts at up to {speed:.4g}" if math.isfinite(speed) else ""

@@ -90,6 +90,7 @@ def test_without_simulation_complex_motion_is_not_known(diagram):
     assert found.at(0.36).observed == []
     assert "nothing was simulated" in found.notes[-1]
     assert "0.356895277 to 0.365318559: no attractor is known" in repr(found)
+    assert repr(found.at(0.36)) == "0.356895277 to 0.365318559: no attractor is known"
 
 
 def test_what_an_interruption_left_out_is_not_passed_over(tmp_path, diagram, capsys):
