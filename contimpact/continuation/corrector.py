@@ -425,6 +425,10 @@ class Start:
     reason: str = ""
 
 
+TWO_DIRECTIONS = "two directions leave the first point, as where branches cross"
+"""Why no branch is followed from a branch point."""
+
+
 def first_point(
     problem: Problem,
     guess: Array,
@@ -446,7 +450,7 @@ def first_point(
         tangent = first_tangent(problem, here.jacobian, scale)
         if tangent is None:
             unknown = Point(here, fixed, 0.0, 0.0, iterations)
-            return Start(unknown, iterations, "two directions leave the first point")
+            return Start(unknown, iterations, TWO_DIRECTIONS)
         still = abs(tangent[-1]) < STILL * scale[-1]
         direction = direction if still or tangent[-1] >= 0.0 else -direction
     else:

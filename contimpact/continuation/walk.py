@@ -30,10 +30,12 @@ from .branch import (
 )
 from .corrector import (
     EPSILON,
+    TWO_DIRECTIONS,
     Arc,
     angle,
     correct,
     first_point,
+    first_tangent,
     hermite,
     inner_product,
     length,
@@ -855,6 +857,9 @@ class _Walker:
         """The end of a branch on which no further step was accepted."""
         assert refused is not None
         near, floor = self.near(here), self.numerics(here).min_step
+        begins = len(self.points) == 1 and not self.branching
+        if begins and first_tangent(self.problem, here.evaluation.jacobian, self.scale) is None:
+            return self.end(EndKind.SINGULAR, why=TWO_DIRECTIONS)
         turns = refused.cause in (Refusal.TURNS, Refusal.BENDS)
         if turns and cast(float, refused.detail) < STRAIGHT:
             return self.end(refused.kind, why=str(refused), floor=floor, advice=WIDER)

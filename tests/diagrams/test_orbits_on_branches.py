@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+import contimpact as ci
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams.orbit_walks import walk_both_ways
 from contimpact.models.guards import Word
@@ -48,3 +49,16 @@ def test_what_is_no_orbit_of_it_is_not_on_it(run):
     """Next to the fold, off by a thousandth."""
     found = impact(run.problem, 1.0, 0.0)
     assert not run.holds(found * np.array([1.0, 1.001, 1.0]) + np.array([1e-4, 0.0, 0.0]))
+
+
+def test_a_branch_point_that_a_walk_starts_on_is_said_to_be_one():
+    """It advised a smaller min_step where the first step was refused."""
+    pair = ci.ImpactPair(beta=1.2326, r_B=0.4383, A=12.923, r_T=0.1689, s=0.4267)
+    orbit = ci.find_orbits(pair, "1:1/2T", "s")[1]
+    branch = ci.continue_orbit(orbit, "s", range=(0.2, 0.7), events=["BP"])
+    assert branch.ends[1].message.startswith("became 1:1, run 2 times")
+    for parameter in ("A", "r_B"):
+        span = 0.7 * pair[parameter], 1.3 * pair[parameter]
+        found = ci.continue_orbit(branch.orbit(-1), parameter, range=span)
+        said = "two directions leave the first point" in found.ends[1].message
+        assert said == (len(found) == 1)  # rounding may show one of the directions
