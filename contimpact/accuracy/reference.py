@@ -402,6 +402,10 @@ class Reference(Equations):
         x, residual, step, condition, iterations = solved
         return Exact(x[:count], x[count:], residual, step, condition, iterations)
 
+    def has_event(self, kind: str, unknowns: Array, details: Mapping[str, Any]) -> bool:
+        """Return whether there are equations of an event of a kind next to a point."""
+        return kind_of(kind).in_many_digits(self, np.asarray(unknowns), details) is not None
+
     def multipliers(self, unknowns: Sequence[Any]) -> list[Any]:
         """Return the multipliers, largest first, from the product of the flights' maps.
 

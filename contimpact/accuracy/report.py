@@ -125,7 +125,15 @@ def measure_events(
         exact = references.setdefault(key, Reference(problem, DIGITS))
         found = exact.event(entry.kind, here.unknowns, details_of(entry))
         rows.append(_event_row(entry, here.unknowns, found, True))
+        if found is None:
+            details = entry.kind, here.unknowns, details_of(entry)
+            rows[-1]["unconfirmed"] = NOT_SOLVED if exact.has_event(*details) else NO_EQUATIONS
     return [*rows, *(_event_row(entry, None, None, False) for entry in entries[len(rows) :])]
+
+
+NO_EQUATIONS = "the reference has no equations for what defines it"
+NOT_SOLVED = f"the reference's iteration does not converge to {DIGITS} digits"
+"""Why an event is not confirmed."""
 
 
 def _event_row(
@@ -142,6 +150,7 @@ def _event_row(
         "moved": found.distance(unknowns) if found and unknowns is not None else None,
         "condition": found.condition if found else None,
         "method": entry.method,
+        "unconfirmed": None,
     }
 
 
@@ -571,6 +580,9 @@ def _event_table(events: Sequence[Mapping[str, Any]], fair: Mapping[str, Any]) -
             f" {left} were not compared: the others had taken longer than {SECONDS_OF_EVENTS:.0f} "
             "s. A scene with a smaller range or depth has fewer."
         )
+    for why in (NO_EQUATIONS, NOT_SOLVED):
+        if names := [e["id"] for e in events if e["unconfirmed"] == why]:
+            summary += f" Not confirmed, as {why}: {', '.join(names)}."
     columns = "id | event | value | true error | estimate | ratio | condition"
     return ["## Events", "", summary, "", *_table(columns, rows), ""]
 

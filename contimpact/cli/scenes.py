@@ -131,6 +131,7 @@ def report(options: argparse.Namespace) -> int:
         say(
             f"{fair['confirmed']} of {fair['events']} events confirmed in {data['digits']} digits, "
             f"{fair['within_estimate']} within their estimated error"
+            + ("; report.md says why not the others" if fair["confirmed"] < fair["events"] else "")
         )
         say(f"written to {folder}: {', '.join(files)}")
     return 0

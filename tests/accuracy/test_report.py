@@ -337,6 +337,19 @@ def test_events_that_there_is_no_time_for_are_counted(monkeypatch):
     assert "1 were not compared" in "\n".join(_event_table(rows, fair))
 
 
+@pytest.mark.full
+@pytest.mark.parametrize("known", [True, False])
+def test_events_that_are_not_confirmed_say_why(monkeypatch, known):
+    monkeypatch.setattr(report.Reference, "event", lambda *given: None)
+    monkeypatch.setattr(report.Reference, "has_event", lambda *given: known)
+    scene = read_scene(tomllib.loads(SMALL))
+    rows = measure_events(scene, Kernels(scene.model, scene.parameter))
+    why = "does not converge to 30 digits" if known else "has no equations for what defines it"
+    said = "\n".join(_event_table(rows, compare_estimates(rows)))
+    assert "0 of 2 events confirmed" in said
+    assert f"{why}: {', '.join(row['id'] for row in rows)}." in said
+
+
 @pytest.mark.parametrize("during", ["diagram", "walk"])
 def test_an_interruption_ends_a_report(monkeypatch, during):
     """A report of what was followed until then looked like that of the whole scene."""
