@@ -506,6 +506,10 @@ class FoldBorn(TouchSingular):
         """Where the touch is a jump, no orbit has it as an impact."""
         return _is_closed(self.counted(event.point.evaluation))
 
+    def enters(self, point: Point[CurvePoint], index: int) -> bool:
+        """Where no orbit has the touch as an impact, rounding alone changes the sign."""
+        return not _is_closed(self.counted(point.evaluation))
+
 
 TOGETHER = 1e-6
 """Part of the period within which impacts happen at once."""

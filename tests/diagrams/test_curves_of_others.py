@@ -24,11 +24,8 @@ def test_grazing_orbits_of_an_oscillator():
     assert np.max(np.abs(a - np.hypot(1.0 - omega**2, 0.1 * omega))) < 1e-12
 
 
-@pytest.mark.parametrize("kind", ["V", "G"])
-def test_a_jump_touches_where_the_flight_before_it_ends(kind):
-    """A forced neuron fires at 1 without a rate. The touch is degenerate where the rate's own rate
-    vanishes, too: I - g = a at the forcing's minimum. After the reset it does elsewhere."""
-    g, w = 0.7, 6.0
+def neuron(g, w, orbit):
+    """A forced neuron that fires at 1."""
     given = {
         "system": "hybrid",
         "period": "2*pi/w",
@@ -36,8 +33,26 @@ def test_a_jump_touches_where_the_flight_before_it_ends(kind):
         "modes": {"m": {"V": "I - g*V + a*cos(w*t)"}},
         "guards": {"S": {"mode": "m", "within": "V <= 1", "set": {"V": "0"}}},
     }
-    follow = {"parameter": "I", "range": [1.2, 1.5], "orbits": ["1"]}
-    model = read_scene({"name": "neuron", "model": given, "follow": follow}).model
+    follow = {"parameter": "I", "range": [1.2, 1.5], "orbits": [orbit]}
+    return read_scene({"name": "neuron", "model": given, "follow": follow}).model
+
+
+def test_no_fold_is_born_where_the_touch_is_a_jump():
+    """Rounding of a determinant was looked at. Without firing, V = I/g + a cos(w t - phase)/Z."""
+    model = neuron(0.7, 6.0, "0").replace(I=0.3)
+    (orbit,) = ci.find_orbits(model, "0", parameter="I")
+    (event,) = ci.continue_orbit(orbit, range=(0.2, 1.5), events=["G"]).events
+    curve = ci.follow_curve(event, model, "a", (0.2, 1.5), (0.1, 1.2))
+    assert (curve.missed, curve.points) == ([], [])
+    assert curve["I"] / 0.7 + curve["a"] / np.hypot(0.7, 6.0) == pytest.approx(1.0, abs=1e-13)
+
+
+@pytest.mark.parametrize("kind", ["V", "G"])
+def test_a_jump_touches_where_the_flight_before_it_ends(kind):
+    """A forced neuron fires at 1 without a rate. The touch is degenerate where the rate's own rate
+    vanishes, too: I - g = a at the forcing's minimum. After the reset it does elsewhere."""
+    g, w = 0.7, 6.0
+    model = neuron(g, w, "1")
     events = [
         event
         for orbit in ci.find_orbits(model, "1", parameter="I")
