@@ -83,6 +83,10 @@ class MotionEnd(enum.Enum):
     """As orbits of the word `0` do."""
     GONE = "fly on without impacts, which no word describes"
     """In another mode than the first, or with a free period."""
+    BEYOND = (
+        "ended: a jump led behind a guard of the next mode, where the system does not say how to "
+        "go on; contimpact simulate names the guard"
+    )
     UNSETTLED = (
         f"had not settled on an orbit of at most {LONGEST} impacts: they stick, are complex or "
         "take longer; contimpact simulate shows it"
@@ -189,6 +193,8 @@ def _after(
         run = simulator.run(state, impacts=impacts)
         if run.outcome is Outcome.RUNAWAY:
             return None, MotionEnd.RUNAWAY
+        if run.outcome is Outcome.BEYOND:
+            return None, MotionEnd.BEYOND
         if run.left is not None:
             model = simulator.model
             first = not model.MODES or model.WALLS[run.left.wall].next_mode == model.MODES[0].name

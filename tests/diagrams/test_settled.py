@@ -218,3 +218,24 @@ def test_a_word_of_two_orbits_is_named_once():
     """As of an orbit and its mirror image."""
     orbit, *_ = search.find_orbits(ImpactPair(beta=0.5, r=0.3, A=5.0, s=0.39), "1:1")
     assert Settled([orbit, orbit], 3, {MotionEnd.FLOWN: 1}, False).words() == ["BT", "0"]
+
+
+def test_motions_that_the_system_does_not_carry_on_say_so():
+    """A converter whose coil is full only after the clock, which its mode does not watch: i = q = 1
+    at t = L q/E = 1.5 T. They were said to stick or to be complex."""
+    model = {
+        "system": "hybrid",
+        "period": "1",
+        "parameters": {"q": 1.0},
+        "modes": {"on": {"i": "2/3", "s": "1"}, "off": {"i": "-2/3", "s": "1"}},
+        "guards": {
+            "P": {"mode": "on", "within": "i <= q", "to": "off"},
+            "B": {"mode": "off", "within": "s <= 1", "to": "on", "set": {"s": 0, "i": "-i/9"}},
+        },
+    }
+    follow = {"parameter": "q", "range": [0.3, 2.0], "orbits": ["PB"]}
+    model = read_scene({"name": "converter", "model": model, "follow": follow}).model
+    found = settled_orbits(model, Kernels(model, "q"))
+    assert found.ends == {MotionEnd.BEYOND: found.motions, MotionEnd.UNSETTLED: 0}
+    (said,) = found.remarks("q = 1", quiet=False)
+    assert "ended: a jump led behind a guard of the next mode" in said
