@@ -597,7 +597,7 @@ class _Explorer:
         for branch in self.branches:
             seen = branch.stable & branch.physical
             largest = np.fmax.reduce(np.abs(branch.multipliers[seen]), axis=1, initial=0.0)
-            if len(largest) > 2 and abs(np.median(largest) - 1.0) < MARGINAL:
+            if len(largest) > 2 and abs(np.sort(largest)[len(largest) // 2] - 1.0) < MARGINAL:
                 names.append(branch.id)
         if names:
             text = "multipliers lie on the unit circle, as where nothing is lost: orbits called"
