@@ -82,14 +82,14 @@ def guesses_of(
     orbit: Orbit,
     run: Run,
     entries: dict[int, float],
-    paths_of: Callable[[Simulator, Orbit, str, Array], Iterator[Guess]],
+    paths_of: Callable[[Simulator, Orbit, Orbit, str, Array], Iterator[Guess]],
 ) -> Iterator[Guess]:
     """Return paths near to arrivals of a run at an orbit.
 
     They leave the first orbit, or one that the motion has followed.
     """
     for entry in entries:
-        yield from paths_of(simulator, leaves, *_arriving(orbit, run, entry))
+        yield from paths_of(simulator, leaves, orbit, *_arriving(orbit, run, entry))
 
 
 def passage_of(orbit: Orbit, run: Run, entry: int) -> Connected | None:
@@ -102,14 +102,14 @@ def passage_of(orbit: Orbit, run: Run, entry: int) -> Connected | None:
 
 
 def _arriving(orbit: Orbit, run: Run, entry: int) -> tuple[str, Array]:
-    """The last impacts of a run before it arrives at an orbit, and laps of that."""
-    part = slice(entry - BEFORE, entry)
+    """The last impacts of a run before it arrives at an orbit, its lap beside that, in which it may
+    graze, and laps of the orbit."""
+    part = slice(entry - BEFORE, entry + len(orbit.word))
     rows = np.column_stack([run.times[part], run.velocities[part]])
     rows[:, 0] -= run.period * np.floor(rows[0, 0] / run.period)
-    arrival = rows[-1, 0] + run.times[entry] - run.times[entry - 1]
     laps = last_laps(orbit)
-    rows = np.vstack([rows, *_laps(orbit, 0, arrival, range(laps))])
-    return run.word[part] + orbit.word.walls * laps, rows
+    rows = np.vstack([rows, *_laps(orbit, 0, rows[BEFORE, 0], range(1, laps))])
+    return run.word[part] + orbit.word.walls * (laps - 1), rows
 
 
 def manifold_runs(
@@ -226,21 +226,25 @@ def sides_of(entries: dict[int, float]) -> set[float]:
     return set(np.sign(list(entries.values())[:ARRIVALS]).tolist())
 
 
-def grazing_paths(simulator: Simulator, orbit: Orbit, walls: str, rows: Array) -> Iterator[Guess]:
-    """Return paths near to an arrival: those that leave the orbit itself, and the one that leaves
-    the orbit which the motion has followed before."""
-    for place, time, wall in _nearly_grazing(simulator, walls, rows):
+def grazing_paths(
+    simulator: Simulator, leaves: Orbit, orbit: Orbit, walls: str, rows: Array
+) -> Iterator[Guess]:
+    """Return paths near to an arrival at an orbit: those that leave the first one, and the one that
+    leaves the orbit which the motion has followed before."""
+    for place, time, wall in _nearly_grazing(simulator, orbit, walls, rows):
         path, impacts = walls, rows
         if time is not None:
             path = walls[:place] + wall + walls[place:]
             impacts = np.insert(rows, place, [time, 0.0], axis=0)
-        yield from _leaving(orbit, path, place, impacts)
+        yield from _leaving(leaves, path, place, impacts)
         if (tail := _tail(path[:place], impacts[:place, 0], simulator.period)) is not None:
             begin, before = tail
             yield path[begin:], place - begin, impacts[begin:], before
 
 
-def touching_paths(simulator: Simulator, orbit: Orbit, walls: str, rows: Array) -> Iterator[Guess]:
+def touching_paths(
+    simulator: Simulator, leaves: Orbit, orbit: Orbit, walls: str, rows: Array
+) -> Iterator[Guess]:
     """Return paths near to an arrival without a grazing, from the orbits that the motion has
     followed before."""
     followed = dict[str, tuple[float, int, Word]]()
@@ -270,7 +274,7 @@ def _leaving(orbit: Orbit, walls: str, grazing: int, rows: Array) -> Iterator[Gu
 
 
 def _nearly_grazing(
-    simulator: Simulator, walls: str, rows: Array
+    simulator: Simulator, orbit: Orbit, walls: str, rows: Array
 ) -> list[tuple[int, float | None, str]]:
     """Where a path is nearest to a grazing: an impact, or the place, time and wall of a touch."""
     fastest = float(np.max(np.abs(rows[:, 1])))
@@ -278,7 +282,7 @@ def _nearly_grazing(
     span = rows[-1, 0] - rows[0, 0] + simulator.period
     gaps = interior_touches(simulator.kernels, walls, simulator.values, rows, span)
     found: list[tuple[float, int, float | None, str]] = []
-    for k in range(BEFORE - DEPTH, BEFORE):
+    for k in range(BEFORE - DEPTH, BEFORE + len(orbit.word)):
         found.append((abs(rows[k, 1]) / fastest, k, None, walls[k]))
         for touch in gaps[k].touches:
             if touch is not None:

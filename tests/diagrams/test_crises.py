@@ -654,8 +654,8 @@ def before_many(beta, r, word, start):
 def test_an_attractor_does_not_end_where_it_goes_on_or_has_ended(s, reason, value, complex):
     """At 0.3937902 it was said to end, from motion that had left at 0.39308; and at 0.3934709,
     before which motion leaves in some ten thousand impacts. By bisection with a million impacts at
-    each value it ends between 0.3934822 and 0.3934823: where it touches the stable manifold of
-    (4:3)/3T, from which motion goes to both sides of that of 2:1."""
+    each value it ends between 0.3934822 and 0.3934823; it ends before, in transients longer than
+    that, where it touches the stable manifold of (4:3)/3T (see the next test)."""
     pair = ImpactPair(beta=0.54, r_B=0.31, r_T=0.28, A=6.0, s=s)
     orbits = find_orbits(pair, "2:1", parameter="s")
     (orbit,) = (o for o in orbits if o.physical and not o.stable)
@@ -666,6 +666,33 @@ def test_an_attractor_does_not_end_where_it_goes_on_or_has_ended(s, reason, valu
     there = Simulator(pair.replace(s=value))
     end = there.run(state, impacts=1_000_000).end
     assert (settle(there, end).kind is Kind.COMPLEX) == complex
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(
+    ("beta", "r_b", "r_t", "amplitude", "s", "left", "lasts"),
+    [
+        (0.54, 0.31, 0.28, 6.0, 0.3936, 0.393479, 0.3934835),
+        (0.477, 0.295, 0.297, 5.941, 0.4062, 0.405818, 0.4058205),
+    ],
+)
+def test_a_path_may_graze_in_its_lap_beside_the_orbit(beta, r_b, r_t, amplitude, s, left, lasts):
+    """Where the stable manifold of 2:1 is crossed before. Simulated by a C program of its own,
+    motion leaves within half a million impacts at the first value, and lasts two million at the
+    other one."""
+    pair = ImpactPair(beta=beta, r_B=r_b, r_T=r_t, A=amplitude, s=s)
+    orbits = find_orbits(pair, "BTBTBBT/3T", parameter="s")
+    (orbit,) = (o for o in orbits if o.physical and o.multipliers[0].real > 1.0)
+    starts = map(Simulator(pair).random_state, range(20))
+    start = next(at for at in starts if settle(pair, at, PATIENT).kind is Kind.COMPLEX)
+    crisis = locate_crisis(orbit, start)
+    assert isinstance(crisis, Crisis)
+    assert (crisis.label, crisis.type) == ("CR[1:1/C|(4:3)/3T]", "boundary")
+    assert crisis.homoclinic
+    assert left < crisis.value < lasts
+    with mp.workdps(30):
+        again = in_thirty_digits(crisis.connection(), crisis.orbit.parameters, (7, 3), (7, 3))
+        assert abs(again - mp.mpf(crisis.value)) <= crisis.error < 1e-12
 
 
 @pytest.mark.slow
