@@ -30,6 +30,7 @@ from ..results.options import CURVE_SETTINGS, SimulateOptions, tolerance_sizes
 from ..results.scene import Scene
 from ..segments.kernels import Kernels
 from ..simulation.attractor import Attractor, Kind
+from ..simulation.simulator import Simulator
 from ..simulation.sweep import Row, Simulators, Sweep, orbits_on, sweep
 from ..simulation.transitions import locate, neighbours
 from ..storage import Json, json_text
@@ -61,6 +62,11 @@ WIDER = 3.0
 WINDOW = 16
 """Steps of a sweep, from a widening on, in which the fold is looked for with which the window with
 narrow bands begins, beyond the sweep's values if need be."""
+FURTHER = 0.0, 1 / 64, 1 / 8, 1 / 2
+"""Parts of the way from an end to the next row at which motion is followed beyond it."""
+FOLLOWED, LAST = range(3, 9), 30
+"""Impacts of an orbit that it may follow last, and how many before it repeats itself are looked
+at."""
 FAILING = ArithmeticError, np.linalg.LinAlgError
 """What ends the search at one change of motion; the others are looked at."""
 FINER = 1 / 256
@@ -158,17 +164,41 @@ class CrisisSearch:
         if crisis is None and entry is None and after.attractor.kind is Kind.PERIODIC:
             width = FINER * abs(after.value - before.value)
             simulators = Simulators(self.sweep.model, self.sweep.parameter, self.kernels)
-            earlier, left, _, _ = locate(simulators, before, after, width, PATIENT)
+            earlier, left, lost, _ = locate(simulators, before, after, width, PATIENT)
+            search = partial(locate_either, impacts=self.impacts)
             for row in (left, earlier):
                 if crisis is None:
                     orbits = self.unstable_at(row.value, after.attractor)
-                    search = partial(locate_either, impacts=self.impacts)
                     crisis, tried = _first(orbits, row, after, search)
+            if crisis is None and (edge := self.followed_last(left, lost or after, after)):
+                around = replace(self, diagram=Diagram(edge.id, [edge]))
+                orbits = [(orbit, None) for orbit, _ in around.unstable_at(before.value)]
+                crisis, why = _first(orbits, before, after, search)
+                tried = "; ".join(filter(None, (tried, why)))
         if crisis:
             return crisis
         if entry is None:
             beyond += f"; no crisis was found of the unstable orbits there: {tried or 'none'}"
         return NoCrisis(end + beyond, entry)
+
+    def followed_last(self, left: Row, lost: Row, after: Row) -> Branch | None:
+        """The branch of the orbit to which motion beyond an end comes back last before it comes to
+        the periodic motion of the next row; None if it does not come there, or has not."""
+        lap, state = len(after.attractor.walls), left.attractor.state
+        for part in FURTHER if state is not None else ():
+            value = lost.value + part * (after.value - lost.value)
+            model = self.sweep.model.replace(**{self.sweep.parameter: value})
+            run = Simulator(model, self.kernels).run(state, impacts=self.impacts)
+            apart = np.flatnonzero(run.walls[lap:] != run.walls[:-lap])
+            if len(apart) and apart[-1] + FULL * lap < len(run):
+                last = slice(max(0, int(apart[-1]) - LAST), int(apart[-1]) + 1)
+                rows = np.column_stack([run.times, run.velocities])[last]
+                met = _nearest_return(rows, run.walls[last], run.period, run.walls[-lap:])
+                about = model, self.sweep.parameter, run.period, self.kernels
+                orbit = _orbit_near(*about, *met) if met else None
+                ends = [row.value for row in self.sweep.rows]
+                return _followed(orbit, (min(ends), max(ends)), ("FB",)) if orbit else None
+        return None
 
     def widenings(self) -> Iterator[Change]:
         """Yield where the bands of complex motion become fewer and wider."""
@@ -239,27 +269,68 @@ def _bands(attractor: Attractor) -> tuple[int, float]:
 def _window(sweep: Sweep, row: Row, wide: Row, laps: int, kernels: Kernels) -> Branch | None:
     """Return the branch of the orbit in the bands of complex motion, on which is that born beside
     it at the fold of its window; None if no orbit is found."""
-    motion, letters = row.attractor, sweep.model.letters
+    motion = row.attractor
     rows = np.column_stack([motion.times, motion.velocities])
-    apart = np.abs(rows[laps:] - rows[:-laps])
-    turns = np.round(apart[:, 0] / motion.forcing_period)
-    away = np.abs(apart[:, 0] / motion.forcing_period - turns)
-    away += apart[:, 1] / np.max(np.abs(rows[:, 1]))
+    away, turns = _returns(rows, laps, motion.forcing_period)
     begin = int(np.argmin(away))
     part = slice(begin, begin + laps)
-    rows[:, 0] -= motion.forcing_period * np.floor(rows[begin, 0] / motion.forcing_period)
-    word = Word("".join(letters[wall] for wall in motion.walls[part]), int(turns[begin]))
     model = sweep.model.replace(**{sweep.parameter: row.value})
-    unknowns = np.append(rows[part].ravel(), row.value)
-    problem = problem_of(model, word, kernels)
-    if (found := solve_near(problem, unknowns)) is None:
+    about = model, sweep.parameter, motion.forcing_period, kernels
+    orbit = _orbit_near(*about, rows[part], motion.walls[part], int(turns[begin]))
+    if orbit is None:
         return None
     values = [other.value for other in sweep.rows]
     fold = row.value + WINDOW * (row.value - wide.value)
     with suppress(InputError):
         values.append(model.require(sweep.parameter, "range").check(fold, "range"))
     span = min(values), max(values)
-    return _followed(Orbit(problem, found), span, ("FB",))
+    return _followed(orbit, span, ("FB",))
+
+
+def _returns(rows: Array, laps: int, period: float) -> tuple[Array, Array]:
+    """How far times and velocities are from those so many impacts later, and periods between."""
+    apart = np.abs(rows[laps:] - rows[:-laps])
+    turns = np.round(apart[:, 0] / period)
+    away = np.abs(apart[:, 0] / period - turns) + apart[:, 1] / np.max(np.abs(rows[:, 1]))
+    return away, turns.astype(int)
+
+
+def _nearest_return(
+    rows: Array, walls: Array, period: float, known: Array
+) -> tuple[Array, Array, int] | None:
+    """Times and velocities, walls and periods of the nearest return after a few impacts, but for
+    those of a shorter word or a known one."""
+    found: list[tuple[float, int, int, int]] = []
+    for laps in FOLLOWED:
+        for begin, (away, turns) in enumerate(zip(*_returns(rows, laps, period), strict=True)):
+            word = walls[begin : begin + laps]
+            turned = [np.roll(word, k).tolist() for k in range(laps)]
+            new = word.tolist() not in turned[1:] and known.tolist() not in turned
+            if walls[begin] == walls[begin + laps] and turns and new:
+                found.append((float(away), begin, laps, int(turns)))
+    if not found:
+        return None
+    _, begin, laps, turns = min(found)
+    part = slice(begin, begin + laps)
+    return rows[part], walls[part], turns
+
+
+def _orbit_near(
+    model: Model,
+    parameter: str,
+    period: float,
+    kernels: Kernels,
+    rows: Array,
+    walls: Array,
+    turns: int,
+) -> Orbit | None:
+    """The orbit near some impacts, if one is found."""
+    times = rows[:, :1] - period * np.floor(rows[0, 0] / period)
+    word = Word("".join(model.letters[wall] for wall in walls), turns)
+    problem = problem_of(model, word, kernels)
+    unknowns = np.append(np.hstack([times, rows[:, 1:]]).ravel(), model.values[parameter])
+    found = solve_near(problem, unknowns)
+    return None if found is None else Orbit(problem, found)
 
 
 def _followed(orbit: Orbit, span: tuple[float, float], events: Sequence[str]) -> Branch:
