@@ -189,6 +189,8 @@ class CrisisSearch:
             value = lost.value + part * (after.value - lost.value)
             model = self.sweep.model.replace(**{self.sweep.parameter: value})
             run = Simulator(model, self.kernels).run(state, impacts=self.impacts)
+            if run.free or run.others.size:
+                return None  # crises are located of one forced coordinate
             apart = np.flatnonzero(run.walls[lap:] != run.walls[:-lap])
             if len(apart) and apart[-1] + FULL * lap < len(run):
                 last = slice(max(0, int(apart[-1]) - LAST), int(apart[-1]) + 1)
