@@ -143,7 +143,7 @@ def _periodic_row(
     return Row(before.direction, value, found)
 
 
-def _without_rounding(simulators: Simulators, row: Row) -> Row:
+def _with_known_multipliers(simulators: Simulators, row: Row) -> Row:
     """A row with zero for the multipliers of which rounding leaves nothing."""
     one = row.attractor
     if one.kind is not Kind.PERIODIC:
@@ -621,7 +621,7 @@ def transitions_between(
             yield _not_followed(left, after)
             return
         if not leads_to(simulators, left, right, least, settling):
-            told = (_without_rounding(simulators, row) for row in (left, right, earlier))
+            told = (_with_known_multipliers(simulators, row) for row in (left, right, earlier))
             yield replace(name(*told), wide=_width_reason(left, lost, right, width))
         if leads_to(simulators, right, after, least, settling):
             return
